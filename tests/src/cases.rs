@@ -205,7 +205,7 @@ pub fn alarm() -> String {
 
 /// What READ gets in place of a correction, for this reason.
 pub fn alarm_for(why: &Withheld) -> String {
-    umi_core::correction::alarm(&job().correction.unwrap(), why, Coding::Ascii)
+    umi_core::correction::alarm(&job().correction.unwrap(), why, None, Coding::Ascii)
         .unwrap()
         .as_str()
         .to_owned()

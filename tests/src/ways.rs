@@ -8,6 +8,7 @@ use std::{fs, io};
 use umi_core::dprnt::checked::CheckedLine;
 use umi_core::units::Micros;
 use umi_protocol::job::{Approach, Job, Teach};
+use umi_protocol::message::TeachWhat;
 use umi_virtual::machine::{VirtualMachine, Wires};
 use umi_virtual::nc::{Alarm, Control, ControlFamily, ControlSettings};
 use umi_virtual::scene::Scene;
@@ -28,6 +29,8 @@ enum Step {
     Touches,
     /// The control reads in this run, and carries out what it gets.
     Reads(u32),
+    /// A host asks to teach again.
+    Asks,
     /// The board's power goes and comes.
     PowerGoes,
     /// The power goes when the control has read so many characters.
@@ -466,6 +469,11 @@ fn ways() -> Vec<(&'static str, Vec<Step>)> {
             Step::Prints(clamping(4)),
             Step::Reads(5),
         ]),
+        ("The same, `umi teach --again`, and text of run 6 that was held up comes before that of run 7, which was meant", vec![
+            Step::Asks,
+            Step::Prints(announced(6, "", "") + &clamping(1)),
+            Step::Reads(7),
+        ]),
     ]
 }
 
@@ -549,6 +557,10 @@ pub fn page(rig: &mut dyn Rig) -> String {
                         (!status.correction_waiting).then_some(())
                     });
                     let _ = writeln!(page, "   * The probe touches.");
+                }
+                Step::Asks => {
+                    client.teach(TeachWhat::Again).unwrap().unwrap();
+                    let _ = writeln!(page, "   * A host asks to teach again.");
                 }
                 Step::PowerGoes => {
                     drop(client);

@@ -39,7 +39,7 @@ fn verdicts_of(bench: &mut Desk, text: &str) -> Vec<Verdict> {
 
 /// What READ gets without an OK verdict.
 fn alarm(job: &Job, why: &Withheld) -> String {
-    umi_core::correction::alarm(&job.correction.unwrap(), why, Coding::Ascii)
+    umi_core::correction::alarm(&job.correction.unwrap(), why, None, Coding::Ascii)
         .unwrap()
         .as_str()
         .to_owned()

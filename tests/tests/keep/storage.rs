@@ -86,6 +86,7 @@ fn without_a_journal_nothing_is_sent() {
     let alarm = umi_core::correction::alarm(
         &job().correction.unwrap(),
         &Withheld::NoVerdict,
+        None,
         Coding::Ascii,
     )
     .unwrap();

@@ -8,6 +8,7 @@ use umi_protocol::pattern::Coding;
 use umi_protocol::program::Withheld;
 use umi_protocol::verdict::MAX_CORRECTION;
 
+use super::run_check::{Compared, RunCheck};
 use crate::dprnt::encode;
 
 /// A program under the correction's number or name that stops whoever calls it, lines ended
@@ -27,6 +28,9 @@ use crate::dprnt::encode;
 /// stop. Therefore it ends with `M30` where that ends the callers too, and does not end where
 /// it may not.
 ///
+/// Where the board knows by which `run` the reference was taught, the control says so in any other: what
+/// came late taught it. Haas with `E` variables compares by O8830; Siemens and Heidenhain name the run.
+///
 /// None for GRBL: it keeps no programs, so no old correction waits in it, and it has no word
 /// that raises an alarm (`M0` goes on with the next start; sleep lets go of the axes). None
 /// where the line's code does not have the characters.
@@ -34,11 +38,13 @@ use crate::dprnt::encode;
 pub fn alarm(
     spec: &CorrectionSpec,
     why: &Withheld,
+    run: Option<RunCheck>,
     coding: Coding,
 ) -> Option<String<MAX_CORRECTION>> {
     let mut text = String::new();
     // Two hundred characters: there is room.
-    let _ = write(&mut text, spec, why, coding);
+    let run = run.filter(|_| *why == Withheld::OnlyTaught);
+    let _ = write(&mut text, spec, why, run, coding);
     let can_be_sent = text.bytes().all(|byte| encode(coding, byte).is_some());
     (can_be_sent && !text.is_empty()).then_some(text)
 }
@@ -67,6 +73,7 @@ fn write(
     out: &mut String<MAX_CORRECTION>,
     spec: &CorrectionSpec,
     why: &Withheld,
+    run: Option<RunCheck>,
     coding: Coding,
 ) -> fmt::Result {
     let number = spec.program_number;
@@ -83,37 +90,57 @@ fn write(
                 Coding::Eia => "M00",
                 _ => "#3000=1",
             };
-            write!(
-                out,
-                "%\nO{number:04}(UMI NO CORRECTION)\n({what_to_do})\n{stop}(UMI {alarm})\nM30\n%\n"
-            )
+            write!(out, "%\nO{number:04}(UMI NO CORRECTION)\n({what_to_do})\n")?;
+            if let Some(run) = run.filter(|_| coding != Coding::Eia) {
+                run.lines(Compared::Taught, |line| writeln!(out, "{line}"))?;
+            }
+            write!(out, "{stop}(UMI {alarm})\nM30\n%\n")
         }
         Dialect::HaasVariables => {
             // Nothing, and a check value that is not nothing's: it says why.
             for variable in 150..157 {
                 writeln!(out, "E{variable} 0.")?;
             }
+            if let Some(run) = run {
+                writeln!(out, "E158 {}.", run.run())?;
+            }
             writeln!(out, "E157 {}.", haas_code(why))
         }
-        Dialect::Siemens => write!(
-            out,
-            "%_N_UMI{number}_SPF\n;$PATH=/_N_SPF_DIR\n; UMI NO CORRECTION\n; UMI {alarm}\n; {what_to_do}\nUMI_STOP:\n\
-             SETAL(65000,\"UMI {alarm}\")\nM0\nGOTOB UMI_STOP\nM30\n"
-        ),
-        Dialect::Heidenhain => write!(
-            out,
-            "BEGIN PGM UMI{number} MM\n; UMI NO CORRECTION\n; UMI {alarm}\n; {what_to_do}\nLBL 1\n\
-             FN 14: ERROR = 1072\nSTOP\nFN 9: IF +0 EQU +0 GOTO LBL 1\nEND PGM UMI{number} MM\n"
-        ),
+        Dialect::Siemens => {
+            write!(
+                out,
+                "%_N_UMI{number}_SPF\n;$PATH=/_N_SPF_DIR\n; UMI NO CORRECTION\n; UMI {alarm}\n; {what_to_do}\n\
+                 UMI_STOP:\nSETAL(65000,\"UMI "
+            )?;
+            match run {
+                Some(run) => write!(out, "TAUGHT BY RUN {}", run.run())?,
+                None => out.write_str(alarm)?,
+            }
+            out.write_str("\")\nM0\nGOTOB UMI_STOP\nM30\n")
+        }
+        Dialect::Heidenhain => {
+            write!(
+                out,
+                "BEGIN PGM UMI{number} MM\n; UMI NO CORRECTION\n; UMI {alarm}\n; {what_to_do}\n"
+            )?;
+            if let Some(run) = run {
+                writeln!(out, "; UMI TAUGHT BY RUN {}", run.run())?;
+            }
+            write!(
+                out,
+                "LBL 1\nFN 14: ERROR = 1072\nSTOP\nFN 9: IF +0 EQU +0 GOTO LBL 1\nEND PGM UMI{number} MM\n"
+            )
+        }
         Dialect::LinuxCnc => {
             let (begin, end) = match spec.ends_with {
                 ProgramEnd::M99 => ("o<umi_correction> sub\n", "o<umi_correction> endsub\n"),
                 ProgramEnd::M30 => ("", ""),
             };
-            write!(
-                out,
-                "{begin}(UMI NO CORRECTION)\n({what_to_do})\n(ABORT, UMI {alarm})\n{end}M2\n"
-            )
+            write!(out, "{begin}(UMI NO CORRECTION)\n({what_to_do})\n")?;
+            if let Some(run) = run {
+                run.lines(Compared::Taught, |line| writeln!(out, "{line}"))?;
+            }
+            write!(out, "(ABORT, UMI {alarm})\n{end}M2\n")
         }
         Dialect::Grbl => Ok(()),
     }
@@ -153,7 +180,7 @@ mod tests {
     #[test]
     fn it_stops_and_does_nothing_else() {
         for coding in CODINGS {
-            let text = alarm(&spec(Dialect::G10G68), &Withheld::NoVerdict, coding).unwrap();
+            let text = alarm(&spec(Dialect::G10G68), &Withheld::NoVerdict, None, coding).unwrap();
             let expected = [
                 "%",
                 "O9010(UMI NO CORRECTION)",
@@ -185,7 +212,7 @@ mod tests {
             .flat_map(|why| CODINGS.map(|coding| (why, coding)));
         for dialect in Dialect::ALL {
             for (why, coding) in each.clone() {
-                let text = alarm(&spec(dialect), why, coding);
+                let text = alarm(&spec(dialect), why, None, coding);
                 let is_macro_b = matches!(
                     dialect,
                     Dialect::G10G68
@@ -239,7 +266,7 @@ mod tests {
                 "FN 9: IF +0 EQU +0 GOTO LBL 1",
             ),
         ] {
-            let text = alarm(&spec(dialect), &Withheld::NoVerdict, Coding::Ascii).unwrap();
+            let text = alarm(&spec(dialect), &Withheld::NoVerdict, None, Coding::Ascii).unwrap();
             let mut lines = text.lines().skip(1).filter(|line| !line.starts_with(';'));
             assert_eq!(lines.next(), Some(label));
             assert!(lines.by_ref().take(stop.len()).eq(stop.iter().copied()));

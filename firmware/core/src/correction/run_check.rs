@@ -40,6 +40,8 @@ pub(crate) enum Compared {
     Correction,
     /// A part program that is carried.
     Program,
+    /// What a setup that was taught gets: no other is the reference.
+    Taught,
 }
 
 impl RunCheck {
@@ -131,32 +133,33 @@ impl RunCheck {
         let Self { variable, run, .. } = self;
         // With both numbers at their largest it fits Fanuc's screen: 31 characters.
         let what = match of {
-            Compared::Correction => "CORRECTION",
-            Compared::Program => "PROGRAM",
+            Compared::Correction => "CORRECTION OF",
+            Compared::Program => "PROGRAM OF",
+            Compared::Taught => "TAUGHT BY",
         };
         let form = match (self.form, of) {
-            (RunForm::Then, Compared::Correction) => RunForm::Goto,
+            (RunForm::Then, Compared::Correction | Compared::Taught) => RunForm::Goto,
             (form, _) => form,
         };
         match form {
             RunForm::Then => line(format_args!(
-                "IF[#{variable}NE{run}]THEN#3000=2(UMI {what} OF RUN {run})"
+                "IF[#{variable}NE{run}]THEN#3000=2(UMI {what} RUN {run})"
             )),
             RunForm::Goto => {
                 line(format_args!("IF[#{variable}EQ{run}]GOTO7"))?;
-                line(format_args!("#3000=2(UMI {what} OF RUN {run})"))?;
+                line(format_args!("#3000=2(UMI {what} RUN {run})"))?;
                 line(format_args!("N7"))
             }
             RunForm::Siemens => {
                 line(format_args!("IF R{variable}=={run} GOTOF UMI_RUN"))?;
                 line(format_args!("UMI_STOP:"))?;
-                line(format_args!("SETAL(65000,\"UMI {what} OF RUN {run}\")"))?;
+                line(format_args!("SETAL(65000,\"UMI {what} RUN {run}\")"))?;
                 line(format_args!("M0"))?;
                 line(format_args!("GOTOB UMI_STOP"))?;
                 line(format_args!("UMI_RUN:"))
             }
             RunForm::Heidenhain => {
-                line(format_args!("; UMI {what} OF RUN {run}"))?;
+                line(format_args!("; UMI {what} RUN {run}"))?;
                 line(format_args!("FN 9: IF +QR{variable} EQU +{run} GOTO LBL 2"))?;
                 line(format_args!("LBL 1"))?;
                 line(format_args!("FN 14: ERROR = 1072"))?;
@@ -166,7 +169,7 @@ impl RunCheck {
             }
             RunForm::LinuxCnc => {
                 line(format_args!("o531 if [#{variable} NE {run}]"))?;
-                line(format_args!("(ABORT, UMI {what} OF RUN {run})"))?;
+                line(format_args!("(ABORT, UMI {what} RUN {run})"))?;
                 line(format_args!("o531 endif"))
             }
         }

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use umi_core::correction::alarm;
+use umi_core::correction::{RunCheck, alarm};
 use umi_core::units::Point;
 use umi_protocol::job::{Dialect, ProgramEnd};
 use umi_protocol::pattern::Coding;
@@ -44,7 +44,7 @@ fn whoever_calls_it_stops() {
     ];
     let each = |why| Dialect::ALL.map(|dialect| (dialect, why));
     for (dialect, why) in whys.iter().flat_map(each) {
-        let Some(text) = alarm(&spec(dialect), why, Coding::Ascii) else {
+        let Some(text) = alarm(&spec(dialect), why, None, Coding::Ascii) else {
             assert_eq!(dialect, Dialect::Grbl);
             continue;
         };
@@ -70,6 +70,38 @@ fn whoever_calls_it_stops() {
     assert_eq!(tried, 4 * 9);
 }
 
+/// Text of an old run that comes late may teach: the control that is in another run says so.
+#[test]
+fn another_run_has_not_taught() {
+    let mut tried = 0;
+    for dialect in Dialect::ALL {
+        let check = RunCheck::of_correction(dialect, 531, 25);
+        let Some(text) = alarm(&spec(dialect), &Withheld::OnlyTaught, check, Coding::Ascii) else {
+            assert_eq!(dialect, Dialect::Grbl);
+            continue;
+        };
+        if matches!(dialect, Dialect::Siemens | Dialect::Heidenhain) {
+            assert!(text.contains("UMI TAUGHT BY RUN 25"), "{text}");
+            continue;
+        }
+        for (run, says) in [(25, "UMI TAUGHT - NO CORRECTION"), (26, "UMI TAUGHT BY ")] {
+            let mut control = Control::new(ControlSettings::of(language(dialect)));
+            let main = calling(&mut control, dialect, &text);
+            let main = main.replacen("M98 P", &format!("#531={run}\nM98 P"), 1);
+            let main = main.replacen("G21 G90\n", &format!("G21 G90\n#531={run}\n"), 1);
+            let loaded = control.load(&main).unwrap();
+            control.select(loaded[0]).unwrap();
+            let home = Point::from_mm(0.0, 0.0, 0.0);
+            let mut axes = Recorder::new(home, home);
+            let raised = control.run(&mut axes).unwrap_err().to_string();
+            assert!(raised.contains(says), "{dialect:?}, run {run}: {raised}");
+            assert!(axes.motions.is_empty(), "{dialect:?}");
+            tried += 1;
+        }
+    }
+    assert_eq!(tried, 2 * 9);
+}
+
 /// LinuxCNC's own interpreter stops at it too, called or as a program.
 #[test]
 fn linuxcnc_stops_at_it() {
@@ -81,7 +113,7 @@ fn linuxcnc_stops_at_it() {
     for ends_with in [ProgramEnd::M99, ProgramEnd::M30] {
         let mut spec = spec(Dialect::LinuxCnc);
         spec.ends_with = ends_with;
-        let text = alarm(&spec, &Withheld::OnlyTaught, Coding::Ascii).unwrap();
+        let text = alarm(&spec, &Withheld::OnlyTaught, None, Coding::Ascii).unwrap();
         let program = match ends_with {
             ProgramEnd::M99 => {
                 let sub = text.strip_suffix("M2\n").unwrap();

@@ -320,12 +320,17 @@ impl<F: Flash> Instrument<F> {
     /// the job sends none to the control.
     #[inline(never)]
     fn alarm(&mut self, now: Micros) -> bool {
-        let spec = self.brain().job().and_then(|job| job.correction);
+        let job = self.brain().job();
+        let spec = job.and_then(|job| job.correction);
+        let variable = job.and_then(|job| job.guards.run_variable);
         let Some(spec) = spec.filter(|spec| spec.send != SendWhen::Never) else {
             return false;
         };
         let why = self.ledger.no_verdict(now);
-        let Some(text) = umi_core::correction::alarm(&spec, &why, self.coding()) else {
+        let run = self.ledger.released.get().and_then(|of| of.run);
+        let check = variable.zip(run);
+        let check = check.and_then(|(at, run)| RunCheck::of_correction(spec.dialect, at, run));
+        let Some(text) = umi_core::correction::alarm(&spec, &why, check, self.coding()) else {
             return false;
         };
         let number = spec.program_number.into();
