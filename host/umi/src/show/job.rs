@@ -197,7 +197,7 @@ fn other_count(job: &Job) -> Option<(&'static str, String)> {
 #[must_use]
 pub fn has_alarm(job: &Job) -> bool {
     job.correction.is_some_and(|spec| {
-        umi_core::correction::alarm(&spec, &Withheld::NoVerdict, Coding::Ascii).is_some()
+        umi_core::correction::alarm(&spec, &Withheld::NoVerdict, None, Coding::Ascii).is_some()
     })
 }
 
