@@ -122,9 +122,9 @@ pub enum RewriteRefusal {
         "G10 in G91 adds to an offset for Fanuc and sets it for LinuxCNC: write it in G90, or say whose program this is"
     )]
     OffsetStep,
-    /// G10 sets something else than G54 to G59.
+    /// G10 sets something else than G54 to G59; G54.1 or G154 does not say which.
     #[error(
-        "G10 with this L and P is not followed: L2 with P1 to P6 (G54 to G59) is; give the offset so, or set it by hand and leave the block out"
+        "which offset this is, is not followed: of G54.1 and G154 say P; of G10, L2 with P1 to P6 (G54 to G59), or set the offset by hand and leave the block out"
     )]
     OffsetNumber,
     /// How this work offset lies to that of the transform is not known.

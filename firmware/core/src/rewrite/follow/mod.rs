@@ -270,6 +270,10 @@ impl Rewriter {
                     self.modes.has_length = false;
                 }
                 Code::Work(number) => work = Some(number),
+                // A control alarms, or takes a number that only it knows.
+                Code::ExtendedWork if !given.has(b'P') => {
+                    return refuse(RewriteRefusal::OffsetNumber);
+                }
                 Code::ExtendedWork => wanted.extended = true,
                 Code::EndOfShift if given.letters.has_any(Letters::AXES) => {
                     if wanted.taker.is_some() {

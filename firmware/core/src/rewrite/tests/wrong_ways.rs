@@ -401,6 +401,34 @@ fn words_of_other_controls_are_refused() {
     }
 }
 
+/// G54.1 and G154 without P name no offset, also where P stands in the next block: whatever the
+/// language, none is carried as if the one before still held.
+#[test]
+fn an_additional_offset_needs_its_number() {
+    let dialects = [
+        None,
+        Some(RewriteDialect::Fanuc),
+        Some(RewriteDialect::LinuxCnc),
+    ];
+    for dialect in dialects {
+        let settings = RewriteSettings {
+            dialect,
+            ..settings(level(20.0, [1.0, 2.0, 3.0]))
+        };
+        for line in ["G54.1", "G0 G154 X1.", "G154\nP3"] {
+            let program = ["G21 G90 G17\n", line, "\nG0 X50. Y20. Z5.\nM30\n"].concat();
+            let refused = rewritten(&settings, &program).unwrap_err();
+            assert_eq!(
+                (refused.line, refused.reason),
+                (2, RewriteRefusal::OffsetNumber),
+                "{line}"
+            );
+        }
+        let program = "G21 G90 G17\nG54.1 P3\nG0 X50. Y20. Z5.\nM30\n";
+        rewritten(&settings, program).unwrap();
+    }
+}
+
 /// A byte order mark stays before everything, the header too; elsewhere it is no word.
 #[test]
 fn a_byte_order_mark_stays_first() {
