@@ -1,11 +1,14 @@
 //! The motions of a program, as the virtual machine's control drives them with tools of
 //! length zero.
 
+mod words;
+
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 use umi_client::files::points::{name, text};
-use umi_client::files::tool_path::diff::{Depends, Move, Way};
+use umi_client::files::tool_path::diff::{BesideMotions, Depends, Move, Way};
 use umi_client::problem::Problem;
 use umi_core::correction::RunCheck;
 use umi_core::units::Point;
@@ -14,6 +17,8 @@ use umi_virtual::nc::{
     self, Control, ControlSettings, ExecutionLimits, MotionRate, OffsetSystem, ProgramState,
     Recorder,
 };
+
+use words::{BlockWords, JumpTargets, ModesSaid, decides_the_way, is_of_run};
 
 /// Whose coordinates motions are told in.
 #[derive(Clone, Copy, Debug)]
@@ -33,8 +38,8 @@ pub struct DrivenPath {
     pub moves: Vec<Move>,
     /// Where the frame of their coordinates lies, machine coordinates, mm.
     pub frame_mm: [f64; 3],
-    /// What it made depend on variables.
-    pub depends: Vec<Depends>,
+    /// What it says beside them.
+    pub beside: BesideMotions,
 }
 
 /// The motions of a program, with others loaded that it calls. One that is for one run is
@@ -86,19 +91,43 @@ pub fn drive(
         PathFrame::Of(offset) => Some(control.offset(system(offset))),
         PathFrame::At(place) => Some(place),
     };
-    let mut depends = Vec::new();
+    let mut beside = BesideMotions::default();
+    let texts: Vec<(u32, u32, BlockWords)> = main
+        .iter()
+        .flat_map(|program| control.blocks(*program).map(|block| (*program, block)))
+        .map(|(program, (line, text))| (program, line, BlockWords::of(text)))
+        .collect();
+    let labels = JumpTargets::in_blocks(texts.iter().map(|(_, _, words)| words), check);
+    let mut said = ModesSaid::new(control.settings().dialect);
+    // The motions behind each block that was run.
+    let mut ran = BTreeMap::new();
     let mut lines = Vec::new();
     // Nobody knows where they stand before the program says it.
     let mut away = [true; 3];
-    loop {
+    let last_line = loop {
+        let before = axes.motions.len();
         let step = control.step(&mut axes).map_err(fail)?;
-        let block = bare(&step.text);
-        let by_machine = follow(&block, &mut away);
-        let of_block = decide(&block).filter(|what| !is_of_run(what, check));
-        depends.extend(of_block.map(|what| Depends {
-            line: step.line,
-            what,
-        }));
+        let words = BlockWords::of(&step.text);
+        let by_machine = words.follow(&mut away);
+        let made = axes.motions.get(before..).unwrap_or_default();
+        let depends = words
+            .depends(&labels)
+            .filter(|what| !is_of_run(what, check));
+        let mut depends: Vec<Depends> = depends
+            .map(|what| Depends {
+                behind: if words.stops() {
+                    before + made.len()
+                } else {
+                    before
+                },
+                line: step.line,
+                what,
+            })
+            .collect();
+        depends.sort_unstable();
+        beside.depends.extend(depends);
+        said.count(&words, step.line, made, by_machine, &mut beside.modes);
+        ran.insert((step.program, step.line), axes.motions.len());
         lines.resize(axes.motions.len(), (step.line, away, by_machine));
         if origin.is_none() && !axes.motions.is_empty() {
             // That of the first motion: the frame of the transform.
@@ -106,8 +135,32 @@ pub fn drive(
         }
         // Begun again it has moved once more from where it ended; a control goes on for ever.
         if step.state == ProgramState::Ended || control.begun_again() > 1 {
-            break;
+            break step.line;
         }
+    };
+    // What runs next begins with these.
+    let codes = control.status().g_codes;
+    let left = codes.iter().filter(|code| words::outlasts(code));
+    beside.depends.extend(left.map(|code| Depends {
+        behind: axes.motions.len(),
+        what: format!("{code} in force at its end"),
+        line: last_line,
+    }));
+    // What was not run belongs behind the block above it that was.
+    if beside.depends.iter().any(|of| decides_the_way(&of.what)) {
+        for (program, line, words) in texts {
+            let what = words.labelled(&labels);
+            if ran.contains_key(&(program, line)) || what.is_empty() || is_of_run(&what, check) {
+                continue;
+            }
+            let above = ran.range((program, 0)..(program, line)).next_back();
+            beside.not_run.push(Depends {
+                behind: above.map_or(0, |(_, motions)| *motions),
+                what,
+                line,
+            });
+        }
+        beside.not_run.sort_by_key(|block| block.behind);
     }
     let frame_mm = origin.unwrap_or_default();
     let origin = Vector3::from(frame_mm);
@@ -140,7 +193,7 @@ pub fn drive(
     Ok(DrivenPath {
         moves: moves.collect(),
         frame_mm,
-        depends,
+        beside,
     })
 }
 
@@ -168,124 +221,5 @@ const fn system(offset: WorkOffset) -> OffsetSystem {
         WorkOffset::G57 => OffsetSystem::Standard(4),
         WorkOffset::G58 => OffsetSystem::Standard(5),
         WorkOffset::G59 => OffsetSystem::Standard(6),
-    }
-}
-
-/// A block without comments and blanks, in capitals.
-fn bare(block: &str) -> String {
-    let mut in_comment = false;
-    block
-        .split(';')
-        .next()
-        .unwrap_or_default()
-        .chars()
-        .filter(|character| {
-            in_comment = (in_comment || *character == '(') && *character != ')';
-            !in_comment && !matches!(character, ')' | ' ' | '\t')
-        })
-        .map(|character| character.to_ascii_uppercase())
-        .collect()
-}
-
-/// Which axes a block sends to machine coordinates, and which it brings back.
-fn follow(words: &str, away: &mut [bool; 3]) -> bool {
-    let leaves = ["G28", "G30", "G53"].iter().any(|code| {
-        words.match_indices(code).any(|(at, code)| {
-            let next = words[at + code.len()..].chars().next();
-            !next.is_some_and(|next| next.is_ascii_digit() || next == '.')
-        })
-    });
-    for (axis, away) in ['X', 'Y', 'Z'].into_iter().zip(away) {
-        if words.contains(axis) {
-            *away = leaves;
-        }
-    }
-    leaves
-}
-
-/// What of a block depends on what stands in the control: all of one that decides or computes, the
-/// words of one that moves, as `X#500`, of a tool's length, and the `/` of one that may be left out.
-fn decide(block: &str) -> impl Iterator<Item = String> {
-    let numbered = block.strip_prefix('N').unwrap_or(block);
-    let block = match numbered.len() == block.len() {
-        true => block,
-        false => numbered.trim_start_matches(|c: char| c.is_ascii_digit()),
-    };
-    if let Some(rest) = block.strip_prefix('/') {
-        // The words of a motion are elsewhere where it is carried. It never becomes several.
-        let moves = rest.contains(['X', 'Y', 'Z']) && !rest.contains(['#', '[']);
-        let mut found: Vec<String> = decide(rest).collect();
-        found.push(if moves {
-            "/".to_owned()
-        } else {
-            block.to_owned()
-        });
-        return found.into_iter();
-    }
-    let prints = ["DPRNT", "BPRNT", "POPEN", "PCLOS"];
-    let decides = ["IF", "WHILE", "GOTO", "DO", "END", "#", "O"];
-    let mut found = Vec::new();
-    if prints.iter().any(|word| block.starts_with(word)) {
-        return found.into_iter();
-    }
-    if decides.iter().any(|word| block.starts_with(word)) {
-        found.push(block.to_owned());
-    } else {
-        let mut depth = 0_u32;
-        let mut word = String::new();
-        for character in block.chars() {
-            // Letters within brackets name functions.
-            if depth == 0 && character.is_ascii_alphabetic() {
-                found.push(std::mem::take(&mut word));
-            }
-            match character {
-                '[' => depth += 1,
-                ']' => depth = depth.saturating_sub(1),
-                _ => {}
-            }
-            word.push(character);
-        }
-        found.push(word);
-        let is_length = |word: &str| {
-            let length = matches!(word, "G43" | "G44" | "G49");
-            length || (word.starts_with('H') && word.len() > 1)
-        };
-        found.retain(|word| word.contains(['#', '[']) || is_length(word));
-    }
-    found.into_iter()
-}
-
-/// Whether this is the comparison of the run, with which a rewritten program begins.
-fn is_of_run(what: &str, check: Option<RunCheck>) -> bool {
-    let Some(check) = check else { return false };
-    let compared = ["NE", "EQ"].map(|how| format!("#{}{how}{}]", check.variable(), check.run()));
-    what == "O531ENDIF"
-        || what == "#3000=2"
-        || compared
-            .iter()
-            .any(|compared| what.contains(compared.as_str()))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// What depends on variables is found, in words and in whole blocks, and what is printed is not.
-    #[test]
-    fn what_depends_is_found() {
-        let decided = |block: &str| decide(&bare(block)).collect::<Vec<_>>();
-        for (block, wanted) in [
-            ("G1 X1. Y-2. (X#5)", &[][..]),
-            ("N10 G0 X#500 Y[#1+COS[3]] Z1.", &["X#500", "Y[#1+COS[3]]"]),
-            ("IF [#500 EQ 1] GOTO 99", &["IF[#500EQ1]GOTO99"]),
-            ("N7 #3 = 5", &["#3=5"]),
-            ("N8 G43 H2 Z50.", &["G43", "H2"]),
-            ("/G1 X5.", &["/"]),
-            ("N9 /2 M30", &["/2M30"]),
-            ("o100 if [#1 GT 2]", &["O100IF[#1GT2]"]),
-            ("DPRNT[X#5041[53]]", &[]),
-        ] {
-            assert_eq!(decided(block), wanted, "{block}");
-        }
     }
 }

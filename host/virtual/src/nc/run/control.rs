@@ -237,6 +237,14 @@ impl Control {
         self.programs.keys().copied()
     }
 
+    /// The blocks of a program in memory, each with its line in the loaded text.
+    pub fn blocks(&self, o: u32) -> impl Iterator<Item = (u32, &str)> {
+        let blocks = self.programs.get(&o).into_iter();
+        blocks
+            .flat_map(|program| &program.blocks)
+            .map(|block| (block.line, block.text.as_str()))
+    }
+
     /// Puts the beginning of a program under the cursor; ends whatever ran, clears its
     /// alarm and its local variables. Modal codes and the other variables stay.
     ///

@@ -10,20 +10,27 @@
 //! compared; where the transform leans, it would move them, and cuts that nobody can compare are no
 //! same ones. The way of a motion that brings an axis back is not measured, as nobody knows where it
 //! begins.
+//!
+//! What a program says beside its motions ([`BesideMotions`]) is compared by its text, and has to stand
+//! between the same two of the motions that were found.
 
+mod beside;
 mod way;
-
-use std::collections::HashMap;
 
 use umi_core::registration::RigidTransform;
 use umi_core::units::Point;
 
+pub use beside::{BesideMotions, Depends, ModeUse};
 pub use way::{Move, Way};
 
 use way::{Follower, V};
 
 /// Further motions in which an end is looked for.
 const WINDOW: usize = 20_000;
+
+/// What is not looked at.
+const NOT_COMPARED: &str =
+    "feeds, dwells, spindle, coolant, prints, comments and N numbers are not compared";
 
 /// Where the second program lies farthest from the first.
 #[derive(Clone, Copy, Debug)]
@@ -52,16 +59,6 @@ pub struct DiffLimits {
     pub near_mm: f64,
     /// Ends and ways may lie this far from their images, mm.
     pub within_mm: f64,
-}
-
-/// What of a program depends on what stands in the control: variables, a tool's length, whether
-/// blocks with `/` are run.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Depends {
-    /// What, as `IF[#500EQ1]GOTO99`, `X#500`, `H2` or `/`.
-    pub what: String,
-    /// Its line, from 1.
-    pub line: u32,
 }
 
 /// How two programs differ.
@@ -94,9 +91,16 @@ pub struct PathDifference {
     pub inserted: Vec<u32>,
     /// Motions of the second behind the last of the first.
     pub left_over: usize,
-    /// What depends on the control in the first only, and in the second only: with other values one
-    /// moves elsewhere.
+    /// So many motions of both lead to the same place, or are sent there: what stands between two of
+    /// these has to stand there in both.
+    pub met: Vec<[usize; 2]>,
+    /// What depends on the control, or acts there, in the first only, and in the second only, or
+    /// elsewhere in the other.
     pub decides: [Vec<Depends>; 2],
+    /// Modes that only one of both takes for granted.
+    pub granted: [Vec<Depends>; 2],
+    /// Blocks of both that were not run and are not the same in the other, or would have to be moved.
+    pub not_run: [Vec<Depends>; 2],
     /// Of the motions that were found, in order.
     pub deviations: Vec<Deviation>,
     /// Root mean square of the deviations of the ends, mm.
@@ -109,37 +113,7 @@ pub struct PathDifference {
     pub largest_rapid: Option<Largest>,
 }
 
-impl Depends {
-    /// Whether it is a whole block, and no word of one that moves.
-    fn is_statement(&self) -> bool {
-        let begins = self.what.as_bytes();
-        !matches!(begins, [letter, b'#' | b'[', ..] if letter.is_ascii_alphabetic())
-    }
-}
-
 impl PathDifference {
-    /// Takes what both made depend on variables.
-    pub fn compare_depends(&mut self, first: &[Depends], second: &[Depends]) {
-        let mut left: HashMap<&str, u64> = HashMap::new();
-        for decision in first {
-            *left.entry(&decision.what).or_default() += 1;
-        }
-        for decision in second {
-            match left.get_mut(decision.what.as_str()) {
-                // A word may stand in each of the lines that one was written out to.
-                Some(n) if *n > 0 || !decision.is_statement() => *n = n.saturating_sub(1),
-                _ => self.decides[1].push(decision.clone()),
-            }
-        }
-        // The last ones: which of equal ones is too many, nobody knows.
-        for decision in first.iter().rev() {
-            if let Some(n) = left.get_mut(decision.what.as_str()).filter(|n| **n > 0) {
-                *n -= 1;
-                self.decides[0].push(decision.clone());
-            }
-        }
-    }
-
     /// The largest deviation of all.
     fn largest(&self) -> Option<&Largest> {
         let all = [&self.largest_way, &self.largest_rapid, &self.largest_end];
@@ -163,7 +137,9 @@ impl PathDifference {
             && self.inserted.is_empty()
             && self.left_over == 0
             && self.other_rate == 0
-            && self.decides.iter().all(Vec::is_empty)
+            && [&self.decides, &self.granted, &self.not_run]
+                .iter()
+                .all(|of| of.iter().all(Vec::is_empty))
             && !self.is_blind()
             && self.sent_elsewhere == [None; 2]
             && self.is_within()
@@ -201,14 +177,17 @@ impl PathDifference {
         if let Some(place) = place {
             return format!("different: {place} an axis somewhere in machine coordinates");
         }
-        for (of, other, decides) in [
-            ("second", "first", &self.decides[1]),
-            ("first", "second", &self.decides[0]),
-        ] {
-            if let Some(Depends { what, line }) = decides.first() {
+        for (of, other, at) in [("second", "first", 1), ("first", "second", 0)] {
+            if let Some(Depends { what, line, .. }) = self.decides[at].first() {
                 return format!(
-                    "different: {what} in line {line} is not in the {other} program, and where the \
-                     {of} goes by it depends on what stands in the control"
+                    "different: line {line} of the {of} program has {what}, and the {other} has it \
+                     elsewhere or not at all"
+                );
+            }
+            if let Some(Depends { what, line, .. }) = self.granted[at].first() {
+                return format!(
+                    "different: line {line} of the {of} program takes {what} for granted, and the \
+                     {other} does not"
                 );
             }
         }
@@ -220,18 +199,29 @@ impl PathDifference {
                 );
             }
         }
+        for (of, blocks) in ["first", "second"].iter().zip(&self.not_run) {
+            if let Some(Depends { line, .. }) = blocks.first() {
+                return format!(
+                    "not compared: line {line} of the {of} program was not run, and with another variable \
+                     or switch it would be; compare it by hand"
+                );
+            }
+        }
         if self.is_blind() {
             return "not compared: no motion of the first program is at a place of the part"
                 .to_owned();
         }
         let most = self.largest().filter(|most| most.mm >= 5e-7);
         let Some(Largest { mm, lines, .. }) = most else {
-            return "same: every motion has its image, to less than a nanometre".to_owned();
+            return format!(
+                "same: every motion has its image, to less than a nanometre; {NOT_COMPARED}"
+            );
         };
         let ([a, b], within) = (lines, self.limits.within_mm);
         if self.is_within() {
             format!(
-                "every motion has its image, different by at most {mm:.6} mm at lines {a} and {b}"
+                "every motion has its image, different by at most {mm:.6} mm at lines {a} and {b}; \
+                 {NOT_COMPARED}"
             )
         } else {
             format!("different: by {mm:.6} mm at lines {a} and {b}, more than {within} mm")
@@ -254,20 +244,24 @@ pub fn compare(
         let of = moves.iter().filter(|made| made.is_feed && !made.stands());
         of.filter(is_left_out).map(|made| made.line).collect()
     };
+    let [sent_first, sent_second] = [sent(first), sent(second)];
     let mut found = PathDifference {
         limits,
         moves: [first.len(), second.len()],
         away: [left_out(first), left_out(second)],
         not_compared: [cuts(first), cuts(second)],
-        sent: sent(first).len(),
-        sent_elsewhere: sent_elsewhere(&sent(first), &sent(second), transform, near_mm),
+        sent: sent_first.len(),
+        sent_elsewhere: sent_elsewhere(&sent_first, &sent_second, transform, near_mm),
         matched: 0,
         from_away: 0,
         missing: Vec::new(),
         other_rate: 0,
         inserted: Vec::new(),
         left_over: 0,
+        met: Vec::new(),
         decides: [Vec::new(), Vec::new()],
+        granted: [Vec::new(), Vec::new()],
+        not_run: [Vec::new(), Vec::new()],
         deviations: Vec::new(),
         rms_mm: 0.0,
         largest_end: None,
@@ -275,16 +269,17 @@ pub fn compare(
         largest_rapid: None,
     };
     // What goes nowhere is the image of what goes nowhere.
-    let second: Vec<&Move> = second
-        .iter()
-        .filter(|made| !is_left_out(made) && !made.stands())
-        .collect();
+    let all = second;
+    let (counts, second): (Vec<usize>, Vec<&Move>) = (1..)
+        .zip(second)
+        .filter(|(_, made)| !is_left_out(made) && !made.stands())
+        .unzip();
     let mut squares = 0.0;
     let mut next = 0_usize;
     // Nobody knows where the first one begins.
     let mut were_away = [true; 3];
     let mut is_lost = true;
-    for wanted in first {
+    for (count, wanted) in (1..).zip(first) {
         let were_away = core::mem::replace(&mut were_away, wanted.away);
         let Some(kept) = kept(transform, wanted.away).filter(|_| !wanted.by_machine) else {
             is_lost |= !wanted.by_machine;
@@ -350,6 +345,9 @@ pub fn compare(
         let made = rest.get(..=last).unwrap_or_default();
         next += last + 1;
         found.matched += 1;
+        found
+            .met
+            .extend(counts.get(next - 1).map(|there| [count, *there]));
         let other = |part: &&&Move| part.is_feed != wanted.is_feed;
         found.other_rate += made.iter().filter(other).count();
         let Some(part) = made.last() else { continue };
@@ -384,6 +382,17 @@ pub fn compare(
         found.deviations.push(Deviation { end_mm, way_mm });
     }
     found.left_over = second.len() - next;
+    let pairs = sent_first.iter().zip(&sent_second);
+    found.met.extend(pairs.map(|(a, b)| [a.count, b.count]));
+    found.met.sort_unstable();
+    // What one sends behind a motion, and the other before it.
+    let crosses = |pair: &&[[usize; 2]]| matches!(pair, [[_, a], [_, b]] if a >= b);
+    if found.sent_elsewhere == [None; 2]
+        && let Some([_, [a, b]]) = found.met.windows(2).find(crosses)
+    {
+        let line = |of: &[Move], count: usize| of.get(count - 1).map(|made| made.line);
+        found.sent_elsewhere = [line(first, *a), line(all, *b)];
+    }
     if found.matched > 0 {
         found.rms_mm = (squares / found.matched as f64).sqrt();
     }
@@ -454,6 +463,8 @@ struct Sent<'a> {
     from: V,
     /// Its last motion: `G28` goes over a place that it names.
     last: &'a Move,
+    /// Motions up to that one.
+    count: usize,
 }
 
 impl Sent<'_> {
@@ -467,13 +478,16 @@ impl Sent<'_> {
 fn sent(moves: &[Move]) -> Vec<Sent<'_>> {
     let mut sent: Vec<Sent<'_>> = Vec::new();
     let mut was_sent = false;
-    for made in moves {
+    for (count, made) in (1..).zip(moves) {
         if made.by_machine {
             match sent.last_mut() {
-                Some(of) if was_sent && of.last.line == made.line => of.last = made,
+                Some(of) if was_sent && of.last.line == made.line => {
+                    (of.last, of.count) = (made, count);
+                }
                 _ => sent.push(Sent {
                     from: made.ends[0],
                     last: made,
+                    count,
                 }),
             }
         }

@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use umi_client::files::points::name;
 use umi_client::files::tool_path::diff::{self, Depends, DiffLimits, Largest, PathDifference};
 use umi_client::job::correction::Basis;
+use umi_client::problem::{Problem, ProblemKind};
 use umi_core::registration::RigidTransform;
 use umi_desk::tool_path::{self, PathFrame};
 use umi_report::pages::paths;
@@ -65,10 +66,15 @@ length zero and home at machine zero; numbers without a point are mm, or 0.001 m
 --integers increments. Without a transform the programs are compared as they are.
 Arcs may have become chords. Every motion is followed all the way, in its direction and by all its
 turns: where it strays more than --within-mm from the image of the first program's, the programs
-differ. Feeds and spindles are not compared.
+differ.
+What stands between motions is compared by its text and its place: T, M codes, H, G43, G44, G49, G61,
+G64, G10, variables, IF, WHILE, GOTO and the blocks it leads to, and /. A mode (G90, G21, G54, G17, G40)
+or a unit of numbers without a point that only one program takes for granted is a difference, too.
+Blocks that a decision leads round are compared by their text; where that differs, or would have to be
+moved, the answer is not compared.
+Not compared: feeds, dwells, spindle (M3, M4, M5), coolant (M7, M8, M9), prints, comments, N numbers.
 Work offsets that no --origin gives, and no job, lie far from each other: motions in another one are
-somewhere else. Variables that a program does not set are empty; what only the second makes depend
-on one is a difference.
+somewhere else. Variables that a program does not set are empty.
 Motions in machine coordinates (G28, G30, G53), and those with an axis that is still there or was
 not named yet, have no image and are left out; axes have to be sent to the same places. The way of
 the motion behind them is not measured, only its end.
@@ -80,7 +86,9 @@ Examples:
   umi nc diff part.nc here.nc --transform moved.json --load pocket.nc
   umi nc diff part.nc here.nc --transform moved.json --integers increments
 
-Exit status: 0 all motions have their image within --within-mm, 1 file or usage, 2 they differ.";
+Exit status: 0 all motions have their image within --within-mm, 1 file, usage, or a block that the
+virtual control does not interpret (code not_interpreted: G41, ,C, rotary axes, no feed; nothing is
+compared), 2 they differ, or something in them cannot be compared.";
 
 #[derive(Clone, Copy, ValueEnum)]
 enum Language {
@@ -147,13 +155,25 @@ impl Diff {
             feed_mm_min: Some(100.0),
             ..ControlSettings::of(dialect)
         };
-        let driven =
-            |path, frame| tool_path::drive(path, &self.load, &settings, &origins_mm, frame);
+        // Nothing is compared then: the answer is not that they differ.
+        let not_interpreted = |problem: Problem| match problem.code {
+            "alarm" => Problem {
+                kind: ProblemKind::Trouble,
+                code: "not_interpreted",
+                message: format!("nothing is compared: {problem}"),
+                ..problem
+            },
+            _ => problem,
+        };
+        let driven = |path, frame| {
+            tool_path::drive(path, &self.load, &settings, &origins_mm, frame)
+                .map_err(not_interpreted)
+        };
         let first = driven(&self.first, frame)?;
         // Its frame is that of both: under another work offset the second is somewhere else.
         let second = driven(&self.second, PathFrame::At(first.frame_mm))?;
         let mut found = diff::compare(&first.moves, &second.moves, &transform, limits);
-        found.compare_depends(&first.depends, &second.depends);
+        found.compare_beside(&first.beside, &second.beside, &transform);
         if let Some(path) = &self.output {
             let title = format!("{} and {}", name(&self.first), name(&self.second));
             let page = paths::html(
@@ -219,6 +239,10 @@ fn machine(found: &PathDifference) -> Value {
         "not_compared_lines_b": found.not_compared[1],
         "decides_a": decides(&found.decides[0]),
         "decides_b": decides(&found.decides[1]),
+        "granted_a": decides(&found.granted[0]),
+        "granted_b": decides(&found.granted[1]),
+        "not_run_a": decides(&found.not_run[0]),
+        "not_run_b": decides(&found.not_run[1]),
         "sent_elsewhere_line_a": found.sent_elsewhere[0],
         "sent_elsewhere_line_b": found.sent_elsewhere[1],
         "ways_left_out": found.from_away,
@@ -268,16 +292,32 @@ fn facts(found: &PathDifference) -> Vec<(String, String)> {
         let motions = count(found.other_rate as u64, "motion");
         fact("other rate", format!("{motions} cut in one program only"));
     }
-    for (name, decides) in ["only the first has", "only the second has"]
-        .iter()
-        .zip(&found.decides)
-        .filter(|(_, decides)| !decides.is_empty())
-    {
-        let decides = decides.iter().take(10);
-        let decides: Vec<String> = decides
-            .map(|of| format!("{} (line {})", of.what, of.line))
-            .collect();
-        fact(name, decides.join(", "));
+    for ([first, second], what) in [
+        (
+            ["only the first has", "only the second has"],
+            &found.decides,
+        ),
+        (
+            [
+                "only the first takes for granted",
+                "only the second takes for granted",
+            ],
+            &found.granted,
+        ),
+        (
+            ["not run in the first", "not run in the second"],
+            &found.not_run,
+        ),
+    ] {
+        for (name, what) in [(first, &what[0]), (second, &what[1])] {
+            let what = what.iter().take(10);
+            let what: Vec<String> = what
+                .map(|of| format!("{} (line {})", of.what, of.line))
+                .collect();
+            if !what.is_empty() {
+                fact(name, what.join(", "));
+            }
+        }
     }
     if found.left_over > 0 {
         fact("left over", count(found.left_over as u64, "motion"));
