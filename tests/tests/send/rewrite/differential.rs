@@ -14,6 +14,7 @@ use std::path::PathBuf;
 use umi_client::files::tool_path::diff;
 use umi_core::rewrite::{Integers, RewriteDialect, RewriteSettings};
 use umi_core::units::{Mm, Point};
+use umi_desk::tool_path::{self, PathFrame};
 use umi_tests::referee::{Before, Referee};
 use umi_virtual::nc::{
     Control, ControlFamily, ControlSettings, DecimalPoint, MotionPath, MotionRate, Recorder,
@@ -34,6 +35,8 @@ struct Seen {
     refused: BTreeMap<String, usize>,
     moved: usize,
     ends: usize,
+    /// Programs that `umi nc diff` compared as files.
+    files: usize,
     largest_end_mm: f64,
     wrong: Vec<String>,
 }
@@ -60,14 +63,18 @@ fn settings(case: &Case) -> RewriteSettings {
     }
 }
 
-/// The motions of a program by the virtual machine, from home, behind what was carried out before.
-fn by_virtual_machine(case: &Case, program: &str, skips: bool) -> Result<Vec<Move>, String> {
-    let mut control = Control::new(ControlSettings {
+fn control_settings(case: &Case) -> ControlSettings {
+    ControlSettings {
         decimal_point: DecimalPoint::Calculator,
         increment_mm: 1e-7,
         feed_mm_min: Some(100.0),
         ..ControlSettings::of(case.family)
-    });
+    }
+}
+
+/// The motions of a program by the virtual machine, from home, behind what was carried out before.
+fn by_virtual_machine(case: &Case, program: &str, skips: bool) -> Result<Vec<Move>, String> {
+    let mut control = Control::new(control_settings(case));
     control.set_block_skip(skips);
     let text = |alarm: umi_virtual::nc::Alarm| alarm.to_string();
     let home = Point::from_array_mm(HOME_MM);
@@ -137,6 +144,34 @@ fn by_diff(case: &Case, judge: &Judge, nominal: &[Move], written: &[Move]) -> Re
     }
 }
 
+/// What stands between the motions of both files is the same for `umi nc diff`: whether it was
+/// compared. Without what was carried out before, some move otherwise, or not at all.
+fn by_files(case: &Case, made: &str, within_mm: f64) -> Result<bool, String> {
+    let driven = |text: &str| {
+        let name = format!("differential{}.nc", std::process::id());
+        let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
+        std::fs::write(&path, text).expect("a folder for tests");
+        let frame = PathFrame::At(case.frame_mm);
+        tool_path::drive(&path, &[], &control_settings(case), &case.origins_mm, frame)
+    };
+    let (Ok(first), Ok(second)) = (driven(&case.program), driven(made)) else {
+        return Ok(false);
+    };
+    let limits = diff::DiffLimits {
+        near_mm: 0.05,
+        within_mm,
+    };
+    let mut found = diff::compare(&first.moves, &second.moves, &case.transform, limits);
+    if !found.is_complete() {
+        return Ok(false);
+    }
+    found.compare_beside(&first.beside, &second.beside, &case.transform);
+    match found.is_complete() {
+        true => Ok(true),
+        false => Err(format!("umi nc diff: {}", found.in_words())),
+    }
+}
+
 /// A program under its transform, with optional blocks and without.
 fn judged(
     case: &Case,
@@ -178,6 +213,13 @@ fn judged(
             }
             Ok(compared)
         });
+        let compared = compared.and_then(|compared| {
+            // Files are compared with all their blocks.
+            if !skips && case.family != ControlFamily::Grbl {
+                seen.files += usize::from(by_files(case, &made, judge.path_mm)?);
+            }
+            Ok(compared)
+        });
         match compared {
             Ok(compared) => {
                 seen.ends += compared.ends;
@@ -198,10 +240,11 @@ fn judged(
 fn told(seen: &Seen, name: &str) {
     let refused: usize = seen.refused.values().sum();
     println!(
-        "{name}: {} moved as they say ({} ends, {:.6} mm at most), {refused} refused, {} no programs, {} wrong",
+        "{name}: {} moved as they say ({} ends, {:.6} mm at most; {} as files), {refused} refused, {} no programs, {} wrong",
         seen.moved,
         seen.ends,
         seen.largest_end_mm,
+        seen.files,
         seen.no_program,
         seen.wrong.len()
     );
