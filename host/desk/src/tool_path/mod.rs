@@ -126,7 +126,13 @@ pub fn drive(
             .collect();
         depends.sort_unstable();
         beside.depends.extend(depends);
-        said.count(&words, step.line, made, by_machine, &mut beside.modes);
+        said.count(
+            &words,
+            (before, step.line),
+            made,
+            by_machine,
+            &mut beside.modes,
+        );
         ran.insert((step.program, step.line), axes.motions.len());
         lines.resize(axes.motions.len(), (step.line, away, by_machine));
         if origin.is_none() && !axes.motions.is_empty() {

@@ -228,7 +228,7 @@ impl ModesSaid {
     pub fn count(
         &mut self,
         words: &BlockWords,
-        line: u32,
+        (behind, line): (usize, u32),
         made: &[(Point, AxisMotion)],
         by_machine: bool,
         modes: &mut BTreeMap<&'static str, ModeUse>,
@@ -259,7 +259,11 @@ impl ModesSaid {
         ] {
             if counts {
                 let is_said = self.said.contains(name);
-                modes.entry(name).or_insert(ModeUse { is_said, line });
+                modes.entry(name).or_insert(ModeUse {
+                    is_said,
+                    behind,
+                    line,
+                });
             }
         }
         let is_step = |word: &str| {
@@ -272,8 +276,12 @@ impl ModesSaid {
         };
         if self.counts_steps && words.values("XYZIJRQ").any(is_step) {
             let is_said = false;
-            let name = "what numbers without a point count";
-            modes.entry(name).or_insert(ModeUse { is_said, line });
+            let name = "the unit of numbers without a point";
+            modes.entry(name).or_insert(ModeUse {
+                is_said,
+                behind,
+                line,
+            });
         }
     }
 }

@@ -24,6 +24,8 @@ pub struct Depends {
 pub struct ModeUse {
     /// Otherwise the program takes it for granted.
     pub is_said: bool,
+    /// Motions before it counted.
+    pub behind: usize,
     /// Where it counted, a line from 1.
     pub line: u32,
 }
@@ -66,11 +68,14 @@ impl PathDifference {
         let names = first.modes.keys().chain(second.modes.keys());
         for name in names.collect::<std::collections::BTreeSet<_>>() {
             let [a, b] = [first, second].map(|of| of.modes.get(name));
+            let stretch =
+                |at: usize, of: &ModeUse| self.met.partition_point(|met| met[at] <= of.behind);
+            let is_there = matches!((a, b), (Some(a), Some(b)) if stretch(0, a) == stretch(1, b));
             let granted = |of: Option<&ModeUse>| of.filter(|of| !of.is_said).map(|of| of.line);
-            // What the first takes for granted may have been written out.
+            // A cycle or arc may have been written out: then it counts behind another motion there.
             let (of, line) = match (granted(a), granted(b)) {
                 (None, Some(line)) => (1, line),
-                (Some(line), None) if b.is_some() => (0, line),
+                (Some(line), None) if is_there => (0, line),
                 _ => continue,
             };
             self.granted[of].push(Depends {
