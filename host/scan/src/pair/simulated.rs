@@ -345,7 +345,7 @@ fn a_jump_of_the_sensors_clock_is_told_with_its_place() {
         }
     };
     // Six seeds have run (2026-11-27); a search that ends in no answer takes seconds.
-    for seed in 0..2 {
+    for seed in 0..1 {
         for jump_us in [7e3, 2e6, 3.6e9, -2e4, -1e9, 9e12] {
             for share in [0.2, 0.5, 0.7] {
                 if share == 0.5 && jump_us == 7e3 {

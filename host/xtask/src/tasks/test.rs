@@ -254,6 +254,11 @@ fn tests(run: &Run<'_>) -> Result<Outcome> {
     // All failures in one run: CI is slow to ask again.
     let mut command = run.workspace.cargo();
     command.args(["test", "--workspace", "--no-fail-fast"]);
+    if std::env::var_os("RUST_TEST_THREADS").is_none() {
+        // Many tests wait for a board or a tool rather than compute.
+        let processors = std::thread::available_parallelism().map_or(1, |count| count.get());
+        command.env("RUST_TEST_THREADS", (2 * processors).to_string());
+    }
     let without = if run.arguments.quick {
         Some("--quick".to_owned())
     } else if toolchain::installed(run.workspace).is_none() {
