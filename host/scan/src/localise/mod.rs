@@ -20,7 +20,6 @@ use crate::surface::{CompositeSurface, Mesh};
 use search::{pairs, scene};
 pub use uncertainty::Certainty;
 use uncertainty::Groups;
-use verdict::Decided;
 pub use verdict::symmetry::SymmetryAxis;
 
 /// What is asked.
@@ -30,7 +29,7 @@ pub struct LocaliseTask<'a> {
     pub model: &'a Mesh,
     /// The scan in mm.
     pub points: &'a [Vec3],
-    /// Where the part is about (scan from part): nothing is searched then.
+    /// Where the part is about (scan from part). A pose that explains the scan better elsewhere refuses it.
     pub start: Option<Pose>,
     /// A stated problem over all points; without it noise and outliers are estimated.
     pub kernel: Option<Kernel>,
@@ -73,6 +72,16 @@ pub struct Located {
 
 /// Points that a search needs.
 const LEAST_POINTS: usize = 30;
+/// Points that scatter about the part by more than this, over its diagonal, are not of it.
+const ROUGH: f64 = 0.01;
+
+/// The refusal of a start that leads nowhere.
+fn not_near() -> ScanError {
+    ScanError::refused(
+        "no_fit",
+        "the part does not fit the scan near the start: is the start right? Without --start it is searched",
+    )
+}
 
 impl LocaliseTask<'_> {
     /// The pose with its uncertainty and verdict.
@@ -98,11 +107,11 @@ impl LocaliseTask<'_> {
         let surface = CompositeSurface::from(self.model.clone());
         let found = match (&self.start, self.kernel) {
             (Some(start), Some(kernel)) => return self.stated(&surface, start, kernel),
-            (Some(start), None) => Decided {
-                fit: self.near_start(&surface, start)?,
-                symmetries: Vec::new(),
-            },
-            (None, _) => verdict::decide(self, &surface)?,
+            (Some(start), None) => {
+                let begun = self.near_start(&surface, start)?;
+                verdict::decide(self, &surface, Some(begun))?
+            }
+            (None, _) => verdict::decide(self, &surface, None)?,
         };
         if let Some(kernel) = self.kernel {
             let located = self.stated(&surface, &found.fit.motion, kernel)?;
@@ -123,14 +132,17 @@ impl LocaliseTask<'_> {
     fn near_start(&self, surface: &CompositeSurface, start: &Pose) -> Result<fit::Fit, ScanError> {
         let diagonal = self.model.diagonal_mm();
         let floor = diagonal * 1e-7;
-        fit::settle(surface, self.points, start, diagonal * 0.05, floor, 40, self.threads)
-            .filter(|fit| fit.sigma_mm < diagonal * 0.01 && fit.inliers >= 20)
-            .ok_or_else(|| {
-                ScanError::refused(
-                    "no_fit",
-                    "the part does not fit the scan near the start: is the start right? Without --start it is searched",
-                )
-            })
+        fit::settle(
+            surface,
+            self.points,
+            start,
+            diagonal * 0.05,
+            floor,
+            40,
+            self.threads,
+        )
+        .filter(|fit| fit.sigma_mm < diagonal * ROUGH && fit.inliers >= 20)
+        .ok_or_else(not_near)
     }
 
     /// The end with a stated kernel, which is about all points.
@@ -163,7 +175,25 @@ impl LocaliseTask<'_> {
         )
         .widened(spread(self.points, &measured, &on_part, sigma, self.groups));
         let on = on_part.iter().map(|&i| (i, measured[i].distance_mm));
-        self.judged(&settled.motion, sigma, certainty, on.collect(), Vec::new())
+        let mut located =
+            self.judged(&settled.motion, sigma, certainty, on.collect(), Vec::new())?;
+        let share = located.n_used as f64 / measured.len() as f64;
+        // Stray points are in the sum of squares, but no sign of a wrong place.
+        let scatter = match kernel {
+            Kernel::None => fit::noise(&measured, f64::INFINITY),
+            _ => sigma,
+        };
+        if scatter > self.model.diagonal_mm() * ROUGH || share < verdict::SHARE {
+            located.reasons.push(ScanError::refused(
+                "no_fit",
+                format_args!(
+                    "the part does not lie on the scan: {:.0} % of the points are on it, and these scatter by {scatter:.3} mm; \
+                     begin nearer, or leave --start and --kernel out",
+                    100.0 * share
+                ),
+            ));
+        }
+        Ok(located)
     }
 
     /// The end of a search or of a refinement, which have used some thousands of points: now the fit is to all on the

@@ -42,7 +42,7 @@ pub struct ScanQuestion<'a> {
     pub fiducials: &'a [Fiducial],
     /// The part; without it the scanner's pose is the answer.
     pub part: Option<&'a Mesh>,
-    /// Where the part is about, or the scanner without a part: it is not searched then.
+    /// Where the part is about, or the scanner without a part: that is where the answer is sought.
     pub start: Option<Pose>,
     /// A stated problem over all points, of the part if there is one.
     pub kernel: Option<Kernel>,

@@ -234,6 +234,88 @@ fn what_is_not_this_part_is_refused_by_its_name() {
     assert_eq!(code(&model, &whole[..20]), "too_few_points");
 }
 
+/// A start beside the part leads to faces that are not the ones scanned; a pose that explains more is not kept silent.
+#[test]
+fn a_start_that_leads_to_a_wrong_place_is_refused_and_a_good_one_is_taken() {
+    let model = bracket();
+    let mut random = Random(17);
+    let pose = random.pose();
+    let points = scan(&model, 2500, 0.01, &pose, &mut random, |n| {
+        n.dot(&Vec3::new(0.5, -0.6, 0.6)) > -0.3
+    });
+    let (mut refused, mut right) = (0, 0);
+    for round in 0..12 {
+        let mut task = task(&model, &points);
+        let off = if round < 4 { 1.0 } else { 12.0 };
+        let step = random.vector().normalize() * off;
+        let turn = random.vector().normalize() * (off * 0.01);
+        let step = nalgebra::Vector6::new(turn.x, turn.y, turn.z, step.x, step.y, step.z);
+        task.start = Some(stepped(&pose, &step, &fit::middle(&points)));
+        match task.find() {
+            Ok(found) => {
+                let apart = found.motion.apart_mm(&pose, &model.corners());
+                assert!(apart < 0.02, "{round}: {apart} mm off with verdict OK");
+                right += usize::from(round < 4);
+            }
+            Err(error) => refused += usize::from(error.code == "no_fit"),
+        }
+    }
+    assert_eq!(right, 4);
+    assert!(refused > 0, "no start led to a wrong place");
+}
+
+/// A symmetric part is ambiguous from a start, too; the start says which pose is taken where any will do.
+#[test]
+fn a_start_beside_one_of_several_poses_takes_that_one_if_told() {
+    let model = block();
+    let mut random = Random(5);
+    let pose = random.pose();
+    let points = scan(&model, 2500, 0.02, &pose, &mut random, |_| true);
+    let mut task = task(&model, &points);
+    task.start = Some(pose);
+    assert_eq!(task.find().unwrap_err().code, "ambiguous");
+    task.accept_symmetry = true;
+    let found = task.find().unwrap();
+    assert!(found.motion.apart_mm(&pose, &model.corners()) < 0.02);
+}
+
+/// How far a motion moves the model off itself, in mm.
+fn surface_apart(model: &Mesh, motion: &Pose) -> f64 {
+    let surface = CompositeSurface::from(model.clone());
+    let off = |p: &Vec3| surface.near(&motion.point(p), 0).unwrap().distance_mm.abs();
+    model.corners().iter().map(off).fold(0.0, f64::max)
+}
+
+/// A stated problem has its optimum wherever it begins; one far from the part is NG.
+#[test]
+fn a_stated_optimum_that_is_not_on_the_scan_is_ng() {
+    let model = block();
+    let mut random = Random(8);
+    let pose = random.pose();
+    let points = scan(&model, 1500, 0.02, &pose, &mut random, |_| true);
+    let mut task = task(&model, &points);
+    task.kernel = Some(Kernel::Tukey(2.0));
+    let mut told = 0;
+    for _ in 0..6 {
+        let (turn, shift) = (random.vector() * 0.5, random.vector() * 15.0);
+        let away = nalgebra::Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z);
+        task.start = Some(stepped(&pose, &away, &fit::middle(&points)));
+        let Ok(found) = task.find() else { continue };
+        let turned = pose.inverse().after(&found.motion);
+        let apart = surface_apart(&model, &turned);
+        let codes: Vec<&str> = found.reasons.iter().map(|r| r.code).collect();
+        assert_eq!(
+            codes.contains(&"no_fit"),
+            apart > 1.0,
+            "{apart} mm: {codes:?}"
+        );
+        told += usize::from(apart > 1.0);
+    }
+    assert!(told > 0, "no start led away");
+    task.start = Some(pose);
+    assert!(task.find().unwrap().reasons.is_empty());
+}
+
 #[test]
 fn threads_change_no_bit() {
     let model = bracket();

@@ -258,7 +258,11 @@ impl Judge<'_> {
             &axes,
             &poses,
             "the scan looks the same in other poses of the part",
-            "scan what tells them apart, or say --accept-symmetry if any of them will do",
+            if self.task.start.is_some() {
+                "scan what tells them apart, or say --accept-symmetry: the one that the start leads to is taken then"
+            } else {
+                "scan what tells them apart, or say --accept-symmetry if any of them will do"
+            },
         ))
     }
 }

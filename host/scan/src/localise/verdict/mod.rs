@@ -9,7 +9,7 @@ pub(super) mod symmetry;
 
 use std::collections::HashSet;
 
-use super::{LocaliseTask, degenerate};
+use super::{LocaliseTask, degenerate, not_near};
 use crate::ScanError;
 use crate::localise::fit::{self, Approach, Fit};
 use crate::localise::search::field::HeightField;
@@ -55,7 +55,7 @@ const FACETS: f64 = 2e-4;
 /// The share of the part's surface that a scan must show.
 const SHOWN: f64 = 0.08;
 /// The share of the scan's points that must lie on the part.
-const SHARE: f64 = 0.03;
+pub(super) const SHARE: f64 = 0.03;
 /// A size that is known worse than this says nothing of a unit.
 const SIZED: f64 = 0.02;
 /// A scan that lies on the part to this share is of the part, in whichever of its poses.
@@ -91,13 +91,18 @@ enum Worth {
     Bad,
 }
 
+/// The pose that the search finds, or the one that a start led to (`begun`), if it stands.
 pub(super) fn decide(
     task: &LocaliseTask<'_>,
     surface: &CompositeSurface,
+    begun: Option<Fit>,
 ) -> Result<Decided, ScanError> {
     let judge = Judge::new(task, surface);
     let scene = Scene::new(task.model, &from_seed(task.points, task.seed), task.threads);
     let fits = judge.fits(&scene, None);
+    if let Some(begun) = begun {
+        return judge.begun(&scene, begun, fits);
+    }
     let worth = fits
         .first()
         .map_or(Worth::Bad, |best| judge.worth(&scene, best));
@@ -174,6 +179,67 @@ impl<'a> Judge<'a> {
             prepared,
             rims,
         }
+    }
+
+    /// The fit that a start led to, if it stands as what the search finds must: the start may be right to within a few
+    /// millimetres and still lead to the wrong faces. How much the scan shows of the part is not asked.
+    fn begun(&self, scene: &Scene, begun: Fit, found: Vec<Fit>) -> Result<Decided, ScanError> {
+        let begun = self.refine(scene, &begun.motion).unwrap_or(begun);
+        // Of what is the same pose, and only that, the better one.
+        let (mut here, others): (Vec<Fit>, Vec<Fit>) = found
+            .into_iter()
+            .partition(|fit| !self.is_new(std::slice::from_ref(&begun), &fit.motion));
+        here.push(begun);
+        let sigma = self.common(&here, scene);
+        for fit in &mut here {
+            self.weigh(scene, fit, &scene.fine, sigma);
+        }
+        sort(&mut here);
+        here.truncate(1);
+        let fits = [here, others].concat();
+        let here = &fits[0];
+        let seen = |fit: &Fit, other: &Fit| {
+            let sigma = fit.sigma_mm.min(other.sigma_mm).max(scene.noise_mm);
+            let (points, threads) = (&scene.fine, self.task.threads);
+            explained(self.part(), points, &fit.motion, sigma, threads)
+        };
+        let elsewhere = |there: &Fit| {
+            ScanError::refused(
+                "no_fit",
+                format_args!(
+                    "the start leads to a wrong place: of {} points {} lie on the part there, and {} by a pose elsewhere; \
+                     begin nearer, or leave --start out",
+                    scene.fine.len(),
+                    count(&seen(here, there)),
+                    count(&seen(there, here))
+                ),
+            )
+        };
+        if matches!(self.worth(scene, here), Worth::Bad) {
+            let good = |fit: &&Fit| matches!(self.worth(scene, fit), Worth::Good);
+            return Err(fits[1..].iter().find(good).map_or_else(not_near, elsewhere));
+        }
+        let decided = self.only_one(scene, &fits);
+        match &decided {
+            Ok(one) if self.is_new(std::slice::from_ref(here), &one.fit.motion) => {
+                return Err(elsewhere(&one.fit));
+            }
+            // What a wrong place leaves free or alike says nothing of the part.
+            Err(_)
+                if let Some(there) = fits[1..].iter().find(|there| {
+                    let (here, there) = (seen(here, here), seen(there, here));
+                    let (more, chance) = advantage(&there, &here);
+                    more > chance + 0.1 * count(&there) as f64
+                }) =>
+            {
+                return Err(elsewhere(there));
+            }
+            Err(error) if error.code != "ambiguous" => return decided,
+            _ => {}
+        }
+        self.mirrored(scene, Some(here))?;
+        self.stands(scene, here)?;
+        decided
     }
 
     /// The best distinct fits of the part in a scene, best first; those that explain clearly less than the best, or than

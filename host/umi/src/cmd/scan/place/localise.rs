@@ -39,7 +39,8 @@ pub(crate) struct Localise {
     /// The part, STL in mm
     #[arg(long, value_name = "MODEL.stl", group = "sought")]
     part: Option<PathBuf>,
-    /// Where the part is about, or the scanner where there is no part: it is not searched then
+    /// Where the part is about, or the scanner where there is no part. A part that fits better elsewhere
+    /// is refused; of several poses that look alike --accept-symmetry takes the one that is led to
     #[arg(long, value_name = "T.json")]
     start: Option<PathBuf>,
     /// A stated problem over all points: none, huber:MM or tukey:MM.
@@ -120,7 +121,8 @@ Scans of a part that the machine had turned in between:
   moved = { rotation = [[1,0,0],[0,0,-1],[0,1,0]], translation_mm = [0, 0, 0] }
   carried = true                 # the fiducials were moved with the part
 
-Exit status: 0 verdict OK; 2 verdict NG (uncertain, scale; the pose is printed) or
+Exit status: 0 verdict OK; 2 verdict NG (uncertain, scale, no_fit of a stated problem
+that is not on the scan; the pose is printed) or
 refused: ambiguous, degenerate, too_little_overlap, no_fit, mirrored, wrong_scale,
 no_fiducial, fiducials_disagree, too_few_points, too_many_points (--kernel and
 --memory-mb), empty_model, not_finite; 1 a file (bad_file, too_large) or usage.";
