@@ -308,10 +308,25 @@ fn spread(
     sigma: f64,
     groups: Groups<'_>,
 ) -> f64 {
-    let count = groups.all.len();
-    if count < 2 {
+    if groups.all.len() < 2 {
         return 1.0;
     }
+    let each = misfits(points, measured, on_part, sigma, groups);
+    let misfit: f64 = each.iter().map(|(misfit, _)| misfit).sum();
+    let freedom: usize = each.iter().map(|(_, held)| held).sum();
+    misfit / (freedom.saturating_sub(6).max(1)) as f64
+}
+
+/// How far each group's own points put the part from where it is measured: χ² by its doubts and the noise, and the motions
+/// that they hold.
+fn misfits(
+    points: &[Vec3],
+    measured: &[Measured],
+    on_part: &[usize],
+    sigma: f64,
+    groups: Groups<'_>,
+) -> Vec<(f64, usize)> {
+    let count = groups.all.len();
     let places: Vec<Vec3> = on_part.iter().map(|&i| points[i]).collect();
     let about = fit::middle(&places);
     let arm = places
@@ -327,14 +342,14 @@ fn spread(
     }
     let sigma2 = sigma * sigma;
     let damping = groups.damping(&h, &about, arm, sigma2);
-    let (mut misfit, mut freedom) = (0.0, 0);
-    for k in 0..count {
-        let (values, _) = crate::solve::eigen(&h[k]);
-        freedom += values.iter().filter(|v| **v > FREE * values[5]).count();
-        let own = crate::solve::pseudo_solve(&h[k], &g[k], FREE);
-        misfit += own.dot(&(damping[k] * h[k] * own)) / sigma2;
-    }
-    misfit / (freedom.saturating_sub(6).max(1)) as f64
+    (0..count)
+        .map(|k| {
+            let (values, _) = crate::solve::eigen(&h[k]);
+            let held = values.iter().filter(|v| **v > FREE * values[5]).count();
+            let own = crate::solve::pseudo_solve(&h[k], &g[k], FREE);
+            (own.dot(&(damping[k] * h[k] * own)) / sigma2, held)
+        })
+        .collect()
 }
 /// A motion of one scan's part is held if its points hold it by this share of the best one, in squares.
 const FREE: f64 = 1e-3;

@@ -4,6 +4,7 @@ use nalgebra::Matrix6;
 
 use super::fiducials::{Fiducial, FiducialSeen, FiducialTask, ScannerFound};
 use super::uncertainty::{Group, Groups};
+use super::verdict::each::{self, EachScan};
 use super::{LocaliseTask, Located};
 use crate::ScanError;
 use crate::parallel::Threads;
@@ -88,7 +89,8 @@ impl ScanQuestion<'_> {
     /// The answer with its uncertainty and verdict.
     ///
     /// # Errors
-    /// As [`LocaliseTask::find`] and [`FiducialTask::find`]; with several scans the message names the one.
+    /// As [`LocaliseTask::find`] and [`FiducialTask::find`]; with several scans the message names the one, and the one that
+    /// contradicts the others is refused (`scans_disagree`).
     pub fn answer(&self) -> Result<ScanAnswer, ScanError> {
         if self.fiducials.is_empty() {
             return self.without_fiducials();
@@ -112,28 +114,33 @@ impl ScanQuestion<'_> {
         let mut others = Vec::new();
         let mut of = Vec::new();
         let mut groups = Vec::new();
+        let mut all = Vec::new();
         for (k, (scan, found)) in self.scans.iter().zip(&found).enumerate() {
             let back = scan.moved.inverse();
             let here = back.after(&found.located.motion);
             groups.push(turned(&found.located, &back));
+            let mut one = EachScan {
+                name: &scan.name,
+                points: Vec::new(),
+            };
             for (q, on_fiducial) in scan.points.iter().zip(&found.on_fiducials) {
                 if !on_fiducial {
-                    others.push(here.point(q));
-                    of.push(k);
+                    one.points.push(here.point(q));
                 }
             }
+            of.resize(of.len() + one.points.len(), k);
+            others.extend_from_slice(&one.points);
+            all.push(one);
         }
         let located = match self.part {
-            Some(part) => self
-                .task(
-                    part,
-                    &others,
-                    Groups {
-                        all: &groups,
-                        of: &of,
-                    },
-                )
-                .find()?,
+            Some(part) => {
+                let groups = Groups {
+                    all: &groups,
+                    of: &of,
+                };
+                let task = self.task(part, &others, groups);
+                each::find(&task, &all)?
+            }
             None => found.swap_remove(0).located,
         };
         let deviations = match self.part {

@@ -2,6 +2,7 @@
 
 mod account;
 mod alone;
+pub(super) mod each;
 pub(super) mod flat;
 pub(super) mod rivals;
 mod slide;

@@ -124,8 +124,9 @@ Scans of a part that the machine had turned in between:
 Exit status: 0 verdict OK; 2 verdict NG (uncertain, scale, no_fit of a stated problem
 that is not on the scan; the pose is printed) or
 refused: ambiguous, degenerate, too_little_overlap, no_fit, mirrored, wrong_scale,
-no_fiducial, fiducials_disagree, too_few_points, too_many_points (--kernel and
---memory-mb), empty_model, not_finite; 1 a file (bad_file, too_large) or usage.";
+no_fiducial, fiducials_disagree, scans_disagree (is moved right?), too_few_points,
+too_many_points (--kernel and --memory-mb), empty_model, not_finite; 1 a file (bad_file,
+too_large) or usage.";
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Unit {

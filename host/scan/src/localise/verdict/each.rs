@@ -1,0 +1,274 @@
+//! What each of several scans says by itself of the pose that all of them gave.
+//!
+//! Where the machine did not move the part as a scan's `moved` has it, that scan puts the part elsewhere. The others then
+//! outvote it: its points are off the part, so neither the fit nor its uncertainty sees them.
+
+use super::rivals::{advantage, explained};
+use super::{Judge, Worth, count};
+use crate::ScanError;
+use crate::localise::fit::{self, Fit};
+use crate::localise::search::oriented::from_seed;
+use crate::localise::search::pairs::spread;
+use crate::localise::search::scene::Scene;
+use crate::localise::uncertainty::Groups;
+use crate::localise::{LocaliseTask, Located, misfits};
+use crate::rigid::Vec3;
+use crate::solve::measure_within;
+use crate::surface::CompositeSurface;
+
+/// Points that a scan's own pose is settled with, and how far it is sought from the common one, over the diagonal.
+const SETTLED: usize = 20_000;
+const BESIDE: f64 = 0.05;
+/// A scan that has a smaller share of its points on the part than this, over the largest share, is searched by itself.
+const LIKE: f64 = 0.5;
+/// A scan disagrees if its own pose explains this share more of its points, or leaves it by so many times what its doubts
+/// and the noise allow, in squares and for each motion.
+const MORE: f64 = 0.03;
+const DOUBTS: f64 = 25.0;
+
+/// A scan of several, in machine coordinates and carried back.
+pub(in crate::localise) struct EachScan<'a> {
+    pub name: &'a str,
+    /// Its points that are on no fiducial.
+    pub points: Vec<Vec3>,
+}
+
+/// The part by all scans. Where they show no pose together, but the largest one alone does, it is asked whether the others
+/// contradict that.
+pub(in crate::localise) fn find(
+    task: &LocaliseTask<'_>,
+    scans: &[EachScan<'_>],
+) -> Result<Located, ScanError> {
+    let found = task.find();
+    if task.kernel.is_some() {
+        return found;
+    }
+    if found.is_err()
+        && scans.len() > 1
+        && let Some(largest) = scans.iter().max_by_key(|scan| scan.points.len())
+        && let Ok(alone) = (LocaliseTask {
+            points: &largest.points,
+            groups: Groups::default(),
+            ..task.clone()
+        })
+        .find()
+        && let Err(error) = agree(task, scans, &alone)
+        && error.code == "scans_disagree"
+    {
+        return Err(error);
+    }
+    let located = found?;
+    agree(task, scans, &located)?;
+    Ok(located)
+}
+
+/// Refuses a pose that one of the scans contradicts.
+fn agree(
+    task: &LocaliseTask<'_>,
+    scans: &[EachScan<'_>],
+    located: &Located,
+) -> Result<(), ScanError> {
+    let surface = CompositeSurface::from(task.model.clone());
+    let judge = Judge::new(task, &surface);
+    let scenes: Vec<Scene> = scans
+        .iter()
+        .map(|scan| {
+            let points = from_seed(&scan.points, task.seed);
+            Scene::new(task.model, &points, task.threads)
+        })
+        .collect();
+    let share = |scene: &Scene| {
+        let (sigma, threads) = (located.sigma_mm.max(scene.noise_mm), task.threads);
+        let points = &scene.fine;
+        let on = explained(judge.part(), points, &located.motion, sigma, threads);
+        count(&on) as f64 / on.len().max(1) as f64
+    };
+    let shares: Vec<f64> = scenes.iter().map(share).collect();
+    let most = shares.iter().copied().fold(0.0, f64::max);
+    if scans.len() > 1 {
+        for (k, scan) in scans.iter().enumerate() {
+            if let Some(off_mm) = judge.off(&scenes[k], k, located, shares[k] < LIKE * most) {
+                return Err(disagree(scan.name, off_mm));
+            }
+        }
+    }
+    Ok(())
+}
+
+impl Judge<'_> {
+    /// How far from the common pose the scan `k` puts the part, if it contradicts it. `far`: whether it is sought everywhere.
+    fn off(&self, scene: &Scene, k: usize, located: &Located, far: bool) -> Option<f64> {
+        let threads = self.task.threads;
+        let (common, sigma) = (&located.motion, located.sigma_mm);
+        let of = |fit: &Fit| explained(self.part(), &scene.fine, &fit.motion, sigma, threads);
+        let here = explained(self.part(), &scene.fine, common, sigma, threads);
+        let speaks = |fit: &Fit| {
+            let there = of(fit);
+            let (more, chance) = advantage(&there, &here);
+            (more > chance + MORE * count(&there) as f64).then_some(there)
+        };
+        let apart = |fit: &Fit| fit.motion.apart_mm(common, &self.prepared.corners);
+        let points: Vec<Vec3> = spread(scene.fine.len(), SETTLED)
+            .into_iter()
+            .map(|i| scene.fine[i])
+            .collect();
+        let reach = BESIDE * self.prepared.diagonal;
+        let floor = self.prepared.diagonal * 1e-7;
+        let beside = fit::settle(self.surface, &points, common, reach, floor, 8, threads);
+        if let Some(fit) = beside
+            && let Some(there) = speaks(&fit)
+        {
+            let on: Vec<usize> = (0..there.len()).filter(|&i| there[i]).collect();
+            let within = 2.0 * reach;
+            let measured = measure_within(self.surface, &scene.fine, common, &[], within, threads);
+            let groups = Groups {
+                all: &self.task.groups.all[k..=k],
+                of: &[],
+            };
+            let (misfit, held) = misfits(&scene.fine, &measured, &on, sigma, groups)[0];
+            if misfit > DOUBTS * held as f64 {
+                return Some(apart(&fit));
+            }
+        }
+        if !far {
+            return None;
+        }
+        let fits = self.fits(scene, None);
+        let elsewhere = fits.iter().find(|fit| {
+            apart(fit) > reach
+                && matches!(self.worth(scene, fit), Worth::Good)
+                && speaks(fit).is_some()
+        });
+        elsewhere.map(apart)
+    }
+}
+
+fn disagree(name: &str, off_mm: f64) -> ScanError {
+    ScanError::refused(
+        "scans_disagree",
+        format_args!(
+            "{name} puts the part {off_mm:.3} mm from where the other scans put it: does `moved` of each say how the machine \
+             had moved the part?"
+        ),
+    )
+    .with("scan", name)
+    .with("off_mm", off_mm)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::localise::fiducials::{Fiducial, FiducialShape};
+    use crate::localise::scans::{ScanAnswer, ScanQuestion, TakenScan};
+    use crate::localise::tests::{Random, bracket, scan};
+    use crate::parallel::Threads;
+    use crate::rigid::{Pose, rotation};
+    use crate::surface::Mesh;
+
+    const BALLS: [[f64; 3]; 4] = [
+        [-60.0, -40.0, 20.0],
+        [150.0, -35.0, 30.0],
+        [140.0, 120.0, 25.0],
+        [-50.0, 110.0, 60.0],
+    ];
+
+    fn fiducials() -> Vec<Fiducial> {
+        BALLS
+            .iter()
+            .enumerate()
+            .map(|(k, at)| Fiducial {
+                name: format!("B{k}"),
+                shape: FiducialShape::Ball { radius_mm: 12.7 },
+                pose: Pose {
+                    translation_mm: Vec3::from(*at),
+                    ..Pose::identity()
+                },
+                u_position_mm: 0.0,
+                u_rotation_rad: 0.0,
+                carried: false,
+            })
+            .collect()
+    }
+
+    fn moved(degrees: f64, by: [f64; 3]) -> Pose {
+        Pose {
+            rotation: rotation(&(Vec3::z() * degrees.to_radians())),
+            translation_mm: Vec3::from(by),
+        }
+    }
+
+    /// A view of the balls, each displaced as `at` says, and of the part where the machine has moved it.
+    fn taken(part: &Mesh, moved: &Pose, at: &[Vec3], random: &mut Random) -> TakenScan {
+        let eye = (Vec3::new(0.3, -0.2, 0.9) + random.vector() * 0.2).normalize();
+        let from_eye = |n: &Vec3| (moved.rotation * n).dot(&eye) > 0.1;
+        let mut points = scan(part, 2500, 0.01, moved, random, from_eye);
+        for centre in at {
+            for _ in 0..500 {
+                let n = random.vector().normalize();
+                if n.dot(&eye) > 0.2 {
+                    points.push(centre + n * 12.7 + random.vector() * 0.01);
+                }
+            }
+        }
+        let scanner = random.pose();
+        TakenScan {
+            name: "turned.ply".into(),
+            points: points.iter().map(|q| scanner.point(q)).collect(),
+            moved: *moved,
+            carried: false,
+        }
+    }
+
+    fn centres() -> Vec<Vec3> {
+        BALLS.iter().map(|at| Vec3::from(*at)).collect()
+    }
+
+    fn answer(
+        part: &Mesh,
+        fiducials: &[Fiducial],
+        scans: &[TakenScan],
+    ) -> Result<ScanAnswer, ScanError> {
+        ScanQuestion {
+            scans,
+            fiducials,
+            part: Some(part),
+            start: None,
+            kernel: None,
+            accept_symmetry: false,
+            limit_mm: None,
+            scale_limit_ppm: 1000.0,
+            seed: 0,
+            threads: Threads::new(2),
+        }
+        .answer()
+    }
+
+    /// A `moved` that is wrong by 0.2 mm, by 1 mm, not there at all, or the wrong way round, does not lose to the scan with
+    /// more points: it is named. A right one is taken.
+    #[test]
+    fn a_scan_whose_motion_is_wrong_is_named() {
+        let part = bracket();
+        let mut random = Random(41);
+        let turned = moved(90.0, [100.0, -20.0, 0.0]);
+        let mut scans =
+            [Pose::identity(), turned].map(|moved| taken(&part, &moved, &centres(), &mut random));
+        scans[0].name = "straight.ply".into();
+        let fiducials = fiducials();
+        let right = answer(&part, &fiducials, &scans).unwrap().located;
+        assert!(right.motion.apart_mm(&Pose::identity(), &part.corners()) < 0.02);
+        let off = |x: f64| moved(90.0, [100.0 + x, -20.0, 0.0]);
+        let wrong = [off(0.2), off(1.0), Pose::identity(), turned.inverse()];
+        for (k, wrong) in wrong.into_iter().enumerate() {
+            scans[1].moved = wrong;
+            let error = answer(&part, &fiducials, &scans).map(|_| k).unwrap_err();
+            assert_eq!(error.code, "scans_disagree", "{k}: {}", error.message);
+            let named =
+                error.message.contains("straight.ply") || error.message.contains("turned.ply");
+            assert!(
+                named && error.message.contains("moved"),
+                "{}",
+                error.message
+            );
+        }
+    }
+}
