@@ -3,7 +3,7 @@
 use nalgebra::Matrix6;
 
 use super::fiducials::{Fiducial, FiducialSeen, FiducialTask, ScannerFound};
-use super::uncertainty::{Group, Groups};
+use super::uncertainty::{Group, Groups, turning};
 use super::verdict::each::{self, EachScan};
 use super::{LocaliseTask, Located};
 use crate::ScanError;
@@ -118,7 +118,7 @@ impl ScanQuestion<'_> {
         for (k, (scan, found)) in self.scans.iter().zip(&found).enumerate() {
             let back = scan.moved.inverse();
             let here = back.after(&found.located.motion);
-            groups.push(turned(&found.located, &back));
+            groups.push(turned(&found.located, scan, &back, self.fiducials));
             let mut one = EachScan {
                 name: &scan.name,
                 points: Vec::new(),
@@ -229,14 +229,23 @@ fn deviations(located: &Located, at: impl Fn(usize) -> Vec3) -> Vec<(Vec3, f64)>
     on.map(|&(i, distance)| (at(i), distance)).collect()
 }
 
-/// How sure the points of a scan are as a whole, after they were carried back.
-fn turned(located: &Located, back: &Pose) -> Group {
-    let mut turn = Matrix6::zeros();
-    turn.fixed_view_mut::<3, 3>(0, 0).copy_from(&back.rotation);
-    turn.fixed_view_mut::<3, 3>(3, 3).copy_from(&back.rotation);
+/// How sure the points of a scan are as a whole, after they were carried back. A fiducial's place is as wrong in all scans;
+/// one that the machine carries with the part errs along the part's axes.
+fn turned(located: &Located, scan: &TakenScan, back: &Pose, fiducials: &[Fiducial]) -> Group {
+    let turn = turning(&back.rotation);
+    let causes = located.certainty.common.iter().zip(fiducials);
+    let common = causes.map(|(cause, fiducial)| {
+        let of_machine = turn * cause;
+        if fiducial.carried || scan.carried {
+            of_machine * turning(&scan.moved.rotation)
+        } else {
+            of_machine
+        }
+    });
     Group {
         at: back.point(&located.motion.translation_mm),
         cov: turn * located.certainty.cov * turn.transpose(),
+        common: common.collect(),
     }
 }
 

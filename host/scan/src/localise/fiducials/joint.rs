@@ -4,7 +4,7 @@ use nalgebra::Matrix6;
 
 use super::super::fit::{self, INLIER};
 use super::super::search::scene;
-use super::super::uncertainty::{Group, Groups, certainty};
+use super::super::uncertainty::{Group, Groups, certainty, turning};
 use super::super::{Located, degenerate, verdict_reasons};
 use super::own::{self, Own};
 use super::{
@@ -153,7 +153,13 @@ pub(super) fn finish(
         .map(|f| f.shape.size_mm())
         .fold(f64::MAX, f64::min);
     let measured;
-    let groups: Vec<Group> = task.fiducials.iter().map(|f| f.group(machine)).collect();
+    let mut groups: Vec<Group> = task.fiducials.iter().map(|f| f.group(machine)).collect();
+    // Each one's doubt along the machine's axes: the same in every scan.
+    let axes = turning(&machine.rotation);
+    for (k, group) in groups.iter_mut().enumerate() {
+        group.common = vec![Matrix6::zeros(); task.fiducials.len()];
+        group.common[k] = axes * group.cov.map(f64::sqrt);
+    }
     if let Some(kernel) = task.kernel {
         let settled = fit::task(surface, points, kernel, 300, threads).solve(&motion);
         motion = settled.motion;

@@ -240,6 +240,7 @@ impl Fiducial {
         Group {
             at: machine.point(&self.pose.translation_mm),
             cov,
+            common: Vec::new(),
         }
     }
 }

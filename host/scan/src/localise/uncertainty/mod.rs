@@ -4,7 +4,7 @@
 mod coverage;
 mod shared;
 
-use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
+use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector6};
 
 use crate::localise::uncertainty::shared::shared;
 use crate::rigid::{Pose, Vec3};
@@ -26,6 +26,8 @@ pub struct Certainty {
     pub free: Vec<Vector6<f64>>,
     /// Where those turns go through.
     pub about_mm: Vec3,
+    /// What each common cause ([`Group::common`]) does to the pose, as `cov` has it; in it already.
+    pub(super) common: Vec<Matrix6<f64>>,
 }
 
 /// A direction is free if the points hold it less than this share of the best one, in squares.
@@ -42,6 +44,22 @@ pub(super) struct Group {
     pub at: Vec3,
     /// How sure the group's own place is: the covariance of its turn (rad) about `at` and of its shift (mm).
     pub cov: Matrix6<f64>,
+    /// What causes that other groups have too do to it: the factors F of the part ΣFFᵀ of `cov`, by cause. Where a ball truly
+    /// stands is as wrong in each of several scans.
+    pub common: Vec<Matrix6<f64>>,
+}
+
+impl Group {
+    /// From its turn about `at` and its shift to turns about `about`, in units of the arm, and shifts.
+    fn carry(&self, about: &Vec3, arm: f64) -> Matrix6<f64> {
+        let mut carry = Matrix6::identity();
+        for i in 0..3 {
+            carry[(i, i)] = arm;
+        }
+        let lever = (about - self.at).cross_matrix();
+        carry.fixed_view_mut::<3, 3>(3, 0).copy_from(&-lever);
+        carry
+    }
 }
 
 /// The groups, and that of each point; nothing of either if all points belong to one body whose place is what is sought.
@@ -66,12 +84,7 @@ impl Groups<'_> {
             .iter()
             .zip(information)
             .map(|(group, h)| {
-                let mut carry = Matrix6::identity();
-                for i in 0..3 {
-                    carry[(i, i)] = arm;
-                }
-                let lever = (about - group.at).cross_matrix();
-                carry.fixed_view_mut::<3, 3>(3, 0).copy_from(&-lever);
+                let carry = group.carry(about, arm);
                 let cov = carry * group.cov * carry.transpose();
                 let mut p = SMatrix::<f64, N, N>::zeros();
                 p.fixed_view_mut::<6, 6>(0, 0).copy_from(&cov);
@@ -168,6 +181,21 @@ pub(super) fn certainty(
             }
         })
         .fold(1.0, f64::max);
+    // The groups' doubts were taken for each one's own: what a common cause does to all of them adds up.
+    let mut common: Vec<Matrix6<f64>> = Vec::new();
+    for (k, group) in groups.all.iter().enumerate() {
+        let held = damping[k] * sevens[k];
+        let answer = inverse * held.fixed_view::<6, 6>(0, 0) * group.carry(&about, arm);
+        common.resize(group.common.len(), Matrix6::zeros());
+        for (all, cause) in common.iter_mut().zip(&group.common) {
+            let one = answer * cause;
+            cov -= one * one.transpose();
+            *all += one;
+        }
+    }
+    for all in &common {
+        cov += all * all.transpose();
+    }
     // What holds the scale, with all that the pose can do taken out: faces that meet in one point hold none of it.
     let growth: Vector6<f64> = seven.fixed_view::<6, 1>(0, 6).into_owned();
     let held = seven[(6, 6)] - growth.dot(&(inverse * growth));
@@ -181,8 +209,10 @@ pub(super) fn certainty(
             inverse[(6, 6)].max(0.0).sqrt() * sigma_mm / arm * ratio,
         )
     });
+    let origin = at_origin(arm, &about, motion);
     Certainty {
-        cov: at_origin(&cov, arm, &about, motion),
+        cov: origin * cov * origin.transpose(),
+        common: common.iter().map(|all| origin * all).collect(),
         scale,
         u_scale,
         shared: ratio,
@@ -191,8 +221,16 @@ pub(super) fn certainty(
     }
 }
 
+/// A rotation for turns and shifts.
+pub(super) fn turning(rotation: &Matrix3<f64>) -> Matrix6<f64> {
+    let mut turn = Matrix6::zeros();
+    turn.fixed_view_mut::<3, 3>(0, 0).copy_from(rotation);
+    turn.fixed_view_mut::<3, 3>(3, 3).copy_from(rotation);
+    turn
+}
+
 /// From turns in units of the arm about the middle of the points, to turns in rad with the translation at the source's origin.
-fn at_origin(cov: &Matrix6<f64>, arm: f64, about: &Vec3, motion: &Pose) -> Matrix6<f64> {
+fn at_origin(arm: f64, about: &Vec3, motion: &Pose) -> Matrix6<f64> {
     let mut carry = Matrix6::identity();
     for i in 0..3 {
         carry[(i, i)] = 1.0 / arm;
@@ -202,7 +240,7 @@ fn at_origin(cov: &Matrix6<f64>, arm: f64, about: &Vec3, motion: &Pose) -> Matri
     carry
         .fixed_view_mut::<3, 3>(3, 0)
         .copy_from(&(-lever / arm));
-    carry * cov * carry.transpose()
+    carry
 }
 
 impl Certainty {
@@ -217,24 +255,30 @@ impl Certainty {
 
     /// That of `motion` after `first`, which is exact.
     #[must_use]
-    pub(super) fn before(mut self, motion: &Pose, first: &Pose) -> Self {
+    pub(super) fn before(self, motion: &Pose, first: &Pose) -> Self {
         let mut carry = Matrix6::identity();
         let lever = (motion.rotation * first.translation_mm).cross_matrix();
         carry.fixed_view_mut::<3, 3>(3, 0).copy_from(&-lever);
-        self.cov = carry * self.cov * carry.transpose();
-        self
+        self.carried(&carry)
     }
 
     /// That of the inverse of `motion`.
     #[must_use]
-    pub(super) fn inverted(mut self, motion: &Pose) -> Self {
+    pub(super) fn inverted(self, motion: &Pose) -> Self {
         let back = -motion.rotation.transpose();
         let mut carry = Matrix6::zeros();
         carry.fixed_view_mut::<3, 3>(0, 0).copy_from(&back);
         carry.fixed_view_mut::<3, 3>(3, 3).copy_from(&back);
         let lever = back * motion.translation_mm.cross_matrix();
         carry.fixed_view_mut::<3, 3>(3, 0).copy_from(&lever);
+        self.carried(&carry)
+    }
+
+    fn carried(mut self, carry: &Matrix6<f64>) -> Self {
         self.cov = carry * self.cov * carry.transpose();
+        for cause in &mut self.common {
+            *cause = carry * *cause;
+        }
         self
     }
 
