@@ -264,6 +264,39 @@ fn a_start_that_leads_to_a_wrong_place_is_refused_and_a_good_one_is_taken() {
     assert!(refused > 0, "no start led to a wrong place");
 }
 
+/// A scale that is off by 1 to 20 parts in a thousand looks like errors that neighbours share, and the ends of the part like
+/// stray points; it is told all the same. A right one is not.
+#[test]
+fn a_scan_that_is_too_large_is_ng_by_its_scale() {
+    let model = bracket();
+    let mut random = Random(23);
+    for (ppm, expected) in [
+        (0.0, false),
+        (1500.0, true),
+        (10_000.0, true),
+        (20_000.0, true),
+    ] {
+        let pose = random.pose();
+        let mut points = scan(&model, 4000, 0.01, &pose, &mut random, |n| {
+            n.dot(&Vec3::new(0.5, -0.6, 0.6)) > -0.3
+        });
+        for q in &mut points {
+            *q *= 1.0 + ppm * 1e-6;
+        }
+        let found = task(&model, &points).find().unwrap();
+        let c = &found.certainty;
+        let off = (c.scale - 1.0) * 1e6 - ppm;
+        assert!(off.abs() < 50.0 + 0.02 * ppm, "{ppm} ppm: {off} off");
+        let codes: Vec<&str> = found.reasons.iter().map(|r| r.code).collect();
+        assert_eq!(
+            codes == ["scale"],
+            expected,
+            "{ppm} ppm: {codes:?} {}",
+            c.u_scale
+        );
+    }
+}
+
 /// A symmetric part is ambiguous from a start, too; the start says which pose is taken where any will do.
 #[test]
 fn a_start_beside_one_of_several_poses_takes_that_one_if_told() {

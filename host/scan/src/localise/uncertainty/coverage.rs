@@ -46,9 +46,9 @@ fn coverage(runs: u64, noise_mm: f64, shared: Option<(f64, f64)>, seed: u64) -> 
         let mut points = scan(&model, 2500, noise_mm, &pose, &mut random, |n| {
             n.dot(&eye) > -0.3
         });
+        let surface = CompositeSurface::from(model.clone());
         if let Some((sigma, length)) = shared {
             let field = Shared::new(&mut random, length);
-            let surface = CompositeSurface::from(model.clone());
             let there = solve::measure(&surface, &points, &pose, &[], Threads::new(1));
             for (q, m) in points.iter_mut().zip(&there) {
                 // Along the face's normal: noise of a point on an edge has another direction.
@@ -59,8 +59,12 @@ fn coverage(runs: u64, noise_mm: f64, shared: Option<(f64, f64)>, seed: u64) -> 
         let mut task = task(&model, &points);
         task.threads = Threads::new(1);
         let off = Vector6::from_fn(|i, _| (random.next() - 0.5) * if i < 3 { 0.004 } else { 0.2 });
-        task.start = Some(stepped(&pose, &off, &pose.point(&corners[0])));
-        let found = task.find().unwrap();
+        let start = stepped(&pose, &off, &pose.point(&corners[0]));
+        // The fit alone: that the start leads to the right place is known.
+        let near = task.near_start(&surface, &start).unwrap();
+        let found = task
+            .finish(&surface, &near.motion, near.sigma_mm, Vec::new())
+            .unwrap();
         let turn = rotation_vector(&(pose.rotation * found.motion.rotation.transpose()));
         let shift = pose.translation_mm - found.motion.translation_mm;
         let error = Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z);

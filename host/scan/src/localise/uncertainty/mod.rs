@@ -9,6 +9,7 @@ use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector6};
 use crate::localise::uncertainty::shared::shared;
 use crate::rigid::{Pose, Vec3};
 use crate::solve::{Measured, eigen};
+use crate::stock::median;
 
 /// What the data say about a pose.
 #[derive(Clone, Debug)]
@@ -129,13 +130,16 @@ pub(super) fn certainty(
     let count = groups.all.len().max(1);
     let mut sevens = vec![SMatrix::<f64, 7, 7>::zeros(); count];
     let mut rights = vec![SVector::<f64, 7>::zeros(); count];
-    for &i in on_part {
+    let grown = |i: usize| {
         let r = row(i);
         // Of the foot on the model: the point's own noise would look like growth.
         let m = &measured[i];
         let foot = points[i] - m.direction * m.distance_mm;
         let grow = -m.direction.dot(&(foot - about)) / arm;
-        let full = SVector::<f64, 7>::from([r[0], r[1], r[2], r[3], r[4], r[5], grow]);
+        SVector::<f64, 7>::from([r[0], r[1], r[2], r[3], r[4], r[5], grow])
+    };
+    for &i in on_part {
+        let full = grown(i);
         let k = groups.of(i);
         sevens[k] += full * full.transpose();
         rights[k] -= full * measured[i].distance_mm;
@@ -162,7 +166,8 @@ pub(super) fn certainty(
     let white = inverse * sigma2;
     let row =
         |i: usize| -> Vector6<f64> { damping[groups.of(i)].fixed_view::<6, 6>(0, 0) * row(i) };
-    let extra = inverse * shared(points, measured, on_part, sigma_mm, &row) * inverse;
+    let left = |i: usize| measured[i].distance_mm;
+    let extra = inverse * shared(points, on_part, sigma_mm, &left, &row) * inverse;
     // What is added must not make anything more certain.
     let (added, directions) = eigen(&extra);
     let mut cov = white;
@@ -202,12 +207,20 @@ pub(super) fn certainty(
     let solved = seven
         .try_inverse()
         .filter(|_| held > SCALED * seven[(6, 6)]);
+    // What is left with the scale in the fit: a wrong scale looks like errors that neighbours share.
     let (scale, u_scale) = solved.map_or((1.0, f64::INFINITY), |inverse| {
         let delta = inverse * right;
-        (
-            1.0 + delta[6] / arm,
-            inverse[(6, 6)].max(0.0).sqrt() * sigma_mm / arm * ratio,
-        )
+        let left = |i: usize| measured[i].distance_mm + grown(i).dot(&delta);
+        let mut all: Vec<f64> = on_part.iter().map(|&i| left(i).abs()).collect();
+        let sigma = sigma_mm.min(1.4826 * median(&mut all));
+        let row = |i: usize| damping[groups.of(i)] * grown(i);
+        let extra = if ratio > 1.0 {
+            inverse * shared(points, on_part, sigma, &left, &row) * inverse
+        } else {
+            SMatrix::zeros()
+        };
+        let square = inverse[(6, 6)].max(0.0) * sigma * sigma + extra[(6, 6)].max(0.0);
+        (1.0 + delta[6] / arm, square.sqrt() / arm)
     });
     let origin = at_origin(arm, &about, motion);
     Certainty {

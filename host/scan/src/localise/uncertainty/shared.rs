@@ -5,11 +5,10 @@
 //! (1 − H) C (1 − H), with the fit's own H = A (AᵀA)⁻¹ Aᵀ. And few patches say little of s²: the region of 95 % is that of
 //! F with as many degrees of freedom as the patches have (Satterthwaite: tr(M)² / tr(M²)).
 
-use nalgebra::{DMatrix, Matrix6, MatrixXx6, Vector6};
+use nalgebra::{DMatrix, SMatrix, SVector};
 
 use crate::localise::search::pairs::spread;
 use crate::rigid::Vec3;
-use crate::solve::Measured;
 
 /// Points whose pairs are looked at, and of those the points with which a covariance is tried.
 const PAIRED: usize = 1200;
@@ -44,14 +43,14 @@ impl Falling {
 }
 
 /// The sum over pairs of what their points share of each other's rows, in mm²; zero if neighbours share nothing.
-/// `row`: what moves a point's distance.
-pub(in crate::localise) fn shared(
+/// `residual`: what a fit has left of a point's distance, in mm; `row`: what of the fit moves it.
+pub(in crate::localise) fn shared<const N: usize>(
     points: &[Vec3],
-    measured: &[Measured],
     on_part: &[usize],
     sigma: f64,
-    row: &impl Fn(usize) -> Vector6<f64>,
-) -> Matrix6<f64> {
+    residual: &impl Fn(usize) -> f64,
+    row: &impl Fn(usize) -> SVector<f64, N>,
+) -> SMatrix<f64, N, N> {
     let pick = |most: usize| -> Vec<usize> {
         let chosen = spread(on_part.len(), most);
         chosen.into_iter().map(|k| on_part[k]).collect()
@@ -59,7 +58,7 @@ pub(in crate::localise) fn shared(
     let chosen = pick(PAIRED);
     let (low, high) = crate::surface::bounds(chosen.iter().map(|&i| &points[i]));
     let step = (high - low).norm() / STEPS;
-    let zero = Matrix6::zeros();
+    let zero = SMatrix::zeros();
     if chosen.len() < 30 || step <= 0.0 {
         return zero;
     }
@@ -69,7 +68,7 @@ pub(in crate::localise) fn shared(
         for &j in &chosen[..a] {
             let bin = (apart(i, j) / step) as usize;
             if bin < BINS {
-                seen[bin].0 += measured[i].distance_mm * measured[j].distance_mm;
+                seen[bin].0 += residual(i) * residual(j);
                 seen[bin].1 += 1.0;
             }
         }
@@ -83,10 +82,10 @@ pub(in crate::localise) fn shared(
     let Some((falling, square)) = fitted(&pick(TRIED), &apart, &seen, step, sigma, row) else {
         return zero;
     };
-    let rows: Vec<Vector6<f64>> = chosen.iter().map(|&i| row(i)).collect();
+    let rows: Vec<SVector<f64, N>> = chosen.iter().map(|&i| row(i)).collect();
     let mut extra = zero;
     for a in 0..chosen.len() {
-        let mut others = Vector6::zeros();
+        let mut others = SVector::<f64, N>::zeros();
         for b in 0..a {
             others += rows[b] * falling.at(apart(chosen[a], chosen[b]));
         }
@@ -98,16 +97,16 @@ pub(in crate::localise) fn shared(
 }
 
 /// The covariance of which the fit leaves what is seen, and its square at no distance in mm².
-fn fitted(
+fn fitted<const N: usize>(
     few: &[usize],
     apart: &impl Fn(usize, usize) -> f64,
     seen: &[(f64, f64); BINS],
     step: f64,
     sigma: f64,
-    row: &impl Fn(usize) -> Vector6<f64>,
+    row: &impl Fn(usize) -> SVector<f64, N>,
 ) -> Option<(Falling, f64)> {
     let n = few.len();
-    let rows = MatrixXx6::from_fn(n, |a, k| row(few[a])[k]);
+    let rows = DMatrix::from_fn(n, N, |a, k| row(few[a])[k]);
     let inverse = (rows.transpose() * &rows).try_inverse()?;
     let taken = &rows * inverse;
     let distance = DMatrix::from_fn(n, n, |a, b| apart(few[a], few[b]));
@@ -152,7 +151,7 @@ fn fitted(
 }
 
 /// (1 − H) C (1 − H), with H = `taken` · `rows`ᵀ.
-fn without(whole: &DMatrix<f64>, rows: &MatrixXx6<f64>, taken: &MatrixXx6<f64>) -> DMatrix<f64> {
+fn without(whole: &DMatrix<f64>, rows: &DMatrix<f64>, taken: &DMatrix<f64>) -> DMatrix<f64> {
     let once = whole - taken * (rows.transpose() * whole);
     &once - (&once * rows) * taken.transpose()
 }
