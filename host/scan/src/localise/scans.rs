@@ -122,9 +122,12 @@ impl ScanQuestion<'_> {
             let mut one = EachScan {
                 name: &scan.name,
                 points: Vec::new(),
+                on_fiducials: Vec::new(),
             };
             for (q, on_fiducial) in scan.points.iter().zip(&found.on_fiducials) {
-                if !on_fiducial {
+                if *on_fiducial {
+                    one.on_fiducials.push(here.point(q));
+                } else {
                     one.points.push(here.point(q));
                 }
             }

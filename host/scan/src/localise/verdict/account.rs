@@ -18,7 +18,7 @@ use crate::stock::median;
 
 /// What a fit accounts for, in shares.
 #[derive(Clone, Copy, Debug)]
-struct Account {
+pub(super) struct Account {
     /// Of the surface that was seen from where the scanner can have stood: what has points.
     seen: f64,
     /// Of the scanned surface on the part or in its box: what is on the part.
@@ -39,8 +39,23 @@ const WITHIN: f64 = 3.0;
 const OWN: f64 = 0.1;
 
 impl Account {
+    /// That of several scans, each weighed by its points on the part.
+    pub fn of_all(all: &[(Self, usize)]) -> Self {
+        let weight: usize = all.iter().map(|(_, on)| on).sum();
+        let mean = |of: fn(&Self) -> f64| {
+            let sum: f64 = all.iter().map(|(one, on)| of(one) * *on as f64).sum();
+            sum / f64::max(weight as f64, 1.0)
+        };
+        Self {
+            seen: mean(|one| one.seen),
+            near: mean(|one| one.near),
+            within: mean(|one| one.within),
+            own: mean(|one| one.own),
+        }
+    }
+
     /// Refuses if too much is unexplained, by what weighs most.
-    fn judged(&self) -> Result<(), ScanError> {
+    pub fn judged(&self) -> Result<(), ScanError> {
         let [unseen, foreign, within] = [
             1.0 - self.seen,
             NEAR * (1.0 - self.near),
@@ -96,20 +111,23 @@ const SPACINGS: f64 = 3.0;
 const BEFORE: f64 = 1.5;
 
 impl Judge<'_> {
-    /// Refuses a fit that leaves too much unexplained. Where there are fiducials it is not asked: their points, and what
-    /// hid the part in each of several scans, are not in the scene.
+    /// Refuses a fit that leaves too much unexplained. Where there are fiducials it is asked of each scan at the end:
+    /// their points, and what hid the part in each of several scans, are not in the scene.
     pub(super) fn stands(&self, scene: &Scene, fit: &Fit) -> Result<(), ScanError> {
-        if !self.task.groups.all.is_empty() {
+        if !self.task.groups.all.is_empty() || self.is_surely(scene, fit) {
             return Ok(());
         }
-        let explained = self.explained(scene, &scene.at(), fit).points;
-        if count(&explained) as f64 > SURELY_THIS * explained.len() as f64 {
-            return Ok(());
-        }
-        self.account(scene, fit).judged()
+        self.account(scene, fit, &[]).0.judged()
     }
 
-    fn account(&self, scene: &Scene, fit: &Fit) -> Account {
+    /// Whether nearly all of the scan lies on the part.
+    pub(super) fn is_surely(&self, scene: &Scene, fit: &Fit) -> bool {
+        let explained = self.explained(scene, &scene.at(), fit).points;
+        count(&explained) as f64 > SURELY_THIS * explained.len() as f64
+    }
+
+    /// The account of a fit, and the points on the part. `before`: what else stands in the scanner's way.
+    pub(super) fn account(&self, scene: &Scene, fit: &Fit, before: &[Vec3]) -> (Account, usize) {
         let sigma = self.noise(scene, fit);
         let threads = self.task.threads;
         let standing = off(self.part(), &scene.fine, &fit.motion, sigma, threads);
@@ -129,7 +147,7 @@ impl Judge<'_> {
         let standing = off(self.part(), &surface, &fit.motion, sigma, threads);
         let (low, high) = self.task.model.bounds();
         let (mut on_part, mut beside, mut within) = (0, 0, 0);
-        let mut foreign = Vec::new();
+        let mut foreign: Vec<Vec3> = before.iter().map(|q| fit.motion.undo(q)).collect();
         for (q, off) in surface.iter().zip(&standing.off) {
             let p = fit.motion.undo(q);
             if on(*off) {
@@ -140,12 +158,13 @@ impl Judge<'_> {
             beside += usize::from((0..3).all(|i| p[i] >= low[i] && p[i] <= high[i]));
             within += usize::from(self.prepared.closed && is_within(*off));
         }
-        Account {
+        let account = Account {
             seen: self.seen(&shown, &foreign),
             near: share(on_part, on_part + beside),
             within: within as f64 / f64::max(on_part as f64, 1.0),
             own: share(not_passed, shown.len()),
-        }
+        };
+        (account, shown.len())
     }
 
     /// Of the surface that was seen from where the scanner can have stood, the share that has points: for each place that

@@ -3,13 +3,14 @@
 //! Where the machine did not move the part as a scan's `moved` has it, that scan puts the part elsewhere. The others then
 //! outvote it: its points are off the part, so neither the fit nor its uncertainty sees them.
 
+use super::account::Account;
 use super::rivals::{advantage, explained};
 use super::{Judge, Worth, count};
 use crate::ScanError;
 use crate::localise::fit::{self, Fit};
-use crate::localise::search::oriented::from_seed;
+use crate::localise::search::oriented::{from_seed, thin};
 use crate::localise::search::pairs::spread;
-use crate::localise::search::scene::Scene;
+use crate::localise::search::scene::{Scene, cell_mm};
 use crate::localise::uncertainty::Groups;
 use crate::localise::{LocaliseTask, Located, misfits};
 use crate::rigid::Vec3;
@@ -31,6 +32,8 @@ pub(in crate::localise) struct EachScan<'a> {
     pub name: &'a str,
     /// Its points that are on no fiducial.
     pub points: Vec<Vec3>,
+    /// Those on fiducials: they hide what lies behind them.
+    pub on_fiducials: Vec<Vec3>,
 }
 
 /// The part by all scans. Where they show no pose together, but the largest one alone does, it is asked whether the others
@@ -62,7 +65,7 @@ pub(in crate::localise) fn find(
     Ok(located)
 }
 
-/// Refuses a pose that one of the scans contradicts.
+/// Refuses a pose that one of the scans contradicts, or that leaves too much of them unexplained.
 fn agree(
     task: &LocaliseTask<'_>,
     scans: &[EachScan<'_>],
@@ -92,7 +95,7 @@ fn agree(
             }
         }
     }
-    Ok(())
+    judge.accounted(&scenes, scans, located)
 }
 
 impl Judge<'_> {
@@ -140,6 +143,31 @@ impl Judge<'_> {
                 && speaks(fit).is_some()
         });
         elsewhere.map(apart)
+    }
+
+    /// Refuses if the scans together leave too much unexplained, each weighed by what it has on the part.
+    fn accounted(
+        &self,
+        scenes: &[Scene],
+        scans: &[EachScan<'_>],
+        located: &Located,
+    ) -> Result<(), ScanError> {
+        let fit = Fit {
+            motion: located.motion,
+            sigma_mm: located.sigma_mm,
+            inliers: located.n_used,
+            worth: 0,
+        };
+        let cell = cell_mm(self.task.model);
+        let accounts = scenes.iter().zip(scans).map(|(scene, scan)| {
+            let before = thin(&scan.on_fiducials, cell, self.task.threads);
+            self.account(scene, &fit, &before)
+        });
+        let all: Vec<(Account, usize)> = accounts.collect();
+        if all.is_empty() || scenes.iter().all(|scene| self.is_surely(scene, &fit)) {
+            return Ok(());
+        }
+        Account::of_all(&all).judged()
     }
 }
 
