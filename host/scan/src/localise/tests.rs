@@ -297,6 +297,26 @@ fn a_scan_that_is_too_large_is_ng_by_its_scale() {
     }
 }
 
+/// A block with a pin is nearly its own mirror image. Where the search misses the part and finds the mirror image, which fits
+/// but for the pin, the part is found there; a left hand for a right one stays refused.
+#[test]
+fn what_the_search_missed_is_no_mirror_image() {
+    let model = pinned();
+    let mut random = Random(37);
+    let pose = random.pose();
+    let points = scan(&model, 4000, 0.02, &pose, &mut random, |_| true);
+    let surface = CompositeSurface::from(model.clone());
+    let said = |points: &[Vec3]| verdict::mirrored_by_itself(&task(&model, points), &surface);
+    let missed = said(&points).unwrap().unwrap();
+    assert!(missed.motion.apart_mm(&pose, &model.corners()) < 0.1);
+    let (model, mirror) = (bracket(), |q: &Vec3| Vec3::new(-q.x, q.y, q.z));
+    let points = scan(&model, 2500, 0.02, &pose, &mut random, |_| true);
+    let left: Vec<Vec3> = points.iter().map(mirror).collect();
+    let surface = CompositeSurface::from(model.clone());
+    let said = |points: &[Vec3]| verdict::mirrored_by_itself(&task(&model, points), &surface);
+    assert_eq!(said(&left).unwrap_err().code, "mirrored");
+}
+
 /// A symmetric part is ambiguous from a start, too; the start says which pose is taken where any will do.
 #[test]
 fn a_start_beside_one_of_several_poses_takes_that_one_if_told() {

@@ -100,17 +100,22 @@ pub(super) fn decide(
 ) -> Result<Decided, ScanError> {
     let judge = Judge::new(task, surface);
     let scene = Scene::new(task.model, &from_seed(task.points, task.seed), task.threads);
-    let fits = judge.fits(&scene, None);
+    let mut fits = judge.fits(&scene, None);
     if let Some(begun) = begun {
         return judge.begun(&scene, begun, fits);
     }
-    let worth = fits
-        .first()
-        .map_or(Worth::Bad, |best| judge.worth(&scene, best));
+    let first = |fits: &[Fit]| {
+        fits.first()
+            .map_or(Worth::Bad, |best| judge.worth(&scene, best))
+    };
+    let mut worth = first(&fits);
     if !matches!(worth, Worth::Good) {
         judge.other_scale()?;
         judge.flat(&scene)?;
-        judge.mirrored(&scene, fits.first())?;
+    }
+    if let Some(missed) = judge.mirrored(&scene, fits.first())? {
+        fits.insert(0, missed);
+        worth = first(&fits);
     }
     let Some(best) = fits.first() else {
         return Err(no_fit());
@@ -129,7 +134,6 @@ pub(super) fn decide(
         }
         Worth::Good => {}
     }
-    judge.mirrored(&scene, Some(best))?;
     let decided = judge.only_one(&scene, &fits);
     // Poses of a foreign part that are as good as each other are no answer either.
     match &decided {
@@ -238,7 +242,9 @@ impl<'a> Judge<'a> {
             Err(error) if error.code != "ambiguous" => return decided,
             _ => {}
         }
-        self.mirrored(scene, Some(here))?;
+        if let Some(missed) = self.mirrored(scene, Some(here))? {
+            return Err(elsewhere(&missed));
+        }
         self.stands(scene, here)?;
         decided
     }
@@ -568,8 +574,9 @@ impl<'a> Judge<'a> {
         Ok(())
     }
 
-    /// Refuses if the mirror image fits better.
-    fn mirrored(&self, scene: &Scene, best: Option<&Fit>) -> Result<(), ScanError> {
+    /// Refuses if the mirror image fits better, and the part does not fit where that one would be its own mirror image: a
+    /// plate hardly differs from its own, and the search can find the one and miss the other. Then the missed fit.
+    fn mirrored(&self, scene: &Scene, best: Option<&Fit>) -> Result<Option<Fit>, ScanError> {
         let seen = best.map(|fit| {
             let sigma = fit.sigma_mm.max(scene.noise_mm);
             explained(
@@ -584,7 +591,7 @@ impl<'a> Judge<'a> {
             .as_ref()
             .is_some_and(|seen| count(seen) as f64 > 0.985 * seen.len() as f64)
         {
-            return Ok(());
+            return Ok(None);
         }
         let mirrored = scene.mirrored();
         let beaten = best.map(|fit| self.explained(scene, &scene.at(), fit));
@@ -593,7 +600,7 @@ impl<'a> Judge<'a> {
             .first()
             .filter(|fit| matches!(self.worth(&mirrored, fit), Worth::Good))
         else {
-            return Ok(());
+            return Ok(None);
         };
         let sigma = best
             .map_or(f64::INFINITY, |fit| fit.sigma_mm)
@@ -620,16 +627,55 @@ impl<'a> Judge<'a> {
             more > chance + 0.01 * count(&there) as f64
         });
         if better {
+            if let Some((missed, seen)) = self.unmirrored(scene, &other.motion, sigma) {
+                let (more, chance) = advantage(&there, &seen);
+                if more <= chance + 0.01 * count(&there) as f64 {
+                    return Ok(Some(missed));
+                }
+            }
             return Err(ScanError::refused(
                 "mirrored",
                 "the mirror image of the part fits the scan, the part does not: a left hand for a right one, or an axis of the scanner with its sign lost",
             ));
         }
-        Ok(())
+        Ok(None)
+    }
+
+    /// The best fit where a pose of the mirror image puts the part's own mirror image in a plane of its box or of its
+    /// principal axes, or in its middle; and what of the fine points it explains.
+    fn unmirrored(&self, scene: &Scene, mirror: &Pose, sigma: f64) -> Option<(Fit, Vec<bool>)> {
+        let threads = self.task.threads;
+        let thinned = scene.at();
+        let turn = nalgebra::Matrix3::from_diagonal(&Vec3::new(-1.0, 1.0, 1.0));
+        let tried = symmetry::reflections(&self.prepared).into_iter();
+        let fits = tried.filter_map(|own| {
+            let motion = Pose {
+                rotation: turn * mirror.rotation * own.rotation,
+                translation_mm: turn * mirror.point(&own.translation_mm),
+            };
+            let few = self.around(&thinned, &motion, TRIED, AROUND);
+            let (reach, floor) = (0.03 * self.prepared.diagonal, self.floor(scene));
+            let rough = fit::settle(self.surface, &few, &motion, reach, floor, 3, threads)?;
+            let fit = self.refine(scene, &rough.motion)?;
+            let seen = explained(self.part(), &scene.fine, &fit.motion, sigma, threads);
+            Some((fit, seen))
+        });
+        fits.max_by_key(|(_, seen)| count(seen))
     }
 }
 
 /// How many.
 pub(super) fn count(seen: &[bool]) -> usize {
     seen.iter().filter(|s| **s).count()
+}
+
+/// What the mirror image says where the search found nothing.
+#[cfg(test)]
+pub(super) fn mirrored_by_itself(
+    task: &LocaliseTask<'_>,
+    surface: &CompositeSurface,
+) -> Result<Option<Fit>, ScanError> {
+    let judge = Judge::new(task, surface);
+    let scene = Scene::new(task.model, task.points, task.threads);
+    judge.mirrored(&scene, None)
 }

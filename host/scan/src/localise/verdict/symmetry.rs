@@ -19,8 +19,8 @@ pub struct SymmetryAxis {
     pub order: u32,
 }
 
-/// Motions of the part onto itself that are worth a try: turns by 1/2 to 1/12 about its principal axes.
-pub(in crate::localise) fn candidates(prepared: &Prepared) -> Vec<Pose> {
+/// The middle of the part's surface, and its principal axes as columns.
+fn principal(prepared: &Prepared) -> (Vec3, Matrix3<f64>) {
     let n = prepared.samples.len().max(1) as f64;
     let middle = prepared.samples.iter().map(|s| s.at).sum::<Vec3>() / n;
     let mut spread = Matrix3::zeros();
@@ -28,7 +28,32 @@ pub(in crate::localise) fn candidates(prepared: &Prepared) -> Vec<Pose> {
         let off = s.at - middle;
         spread += off * off.transpose() / n;
     }
-    let (_, axes) = eigen(&spread);
+    (middle, eigen(&spread).1)
+}
+
+/// Reflections of the part that are worth a try: in the planes of its principal axes and of its box, and in the middles.
+pub(in crate::localise) fn reflections(prepared: &Prepared) -> Vec<Pose> {
+    let (middle, axes) = principal(prepared);
+    let centre = (prepared.corners[0] + prepared.corners[7]) / 2.0;
+    [(middle, axes), (centre, Matrix3::identity())]
+        .into_iter()
+        .flat_map(|(point, axes)| {
+            let planes = (0..3).map(move |k| {
+                let n = axes.column(k).into_owned();
+                Matrix3::identity() - n * n.transpose() * 2.0
+            });
+            let all = planes.chain([-Matrix3::identity()]);
+            all.map(move |rotation| Pose {
+                rotation,
+                translation_mm: point - rotation * point,
+            })
+        })
+        .collect()
+}
+
+/// Motions of the part onto itself that are worth a try: turns by 1/2 to 1/12 about its principal axes.
+pub(in crate::localise) fn candidates(prepared: &Prepared) -> Vec<Pose> {
+    let (middle, axes) = principal(prepared);
     let (low, high) = (prepared.corners[0], prepared.corners[7]);
     let centre = (low + high) / 2.0;
     let mut all = Vec::new();
