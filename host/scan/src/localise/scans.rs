@@ -142,7 +142,11 @@ impl ScanQuestion<'_> {
                     of: &of,
                 };
                 let task = self.task(part, &others, groups);
-                each::find(&task, &all)?
+                let mut located = each::find(&task, &all)?;
+                let sizes = found.iter().flat_map(|found| &found.located.reasons);
+                let sizes = sizes.filter(|reason| reason.code == "wrong_radius");
+                located.reasons.extend(sizes.cloned());
+                located
             }
             None => found.swap_remove(0).located,
         };

@@ -1,5 +1,7 @@
 //! Balls of a known radius: every point says that the centre lies one radius away along its normal.
 
+use nalgebra::{Matrix4, Vector4};
+
 use crate::cloud::tree::PointTree;
 use crate::localise::search::oriented::Oriented;
 use crate::parallel::Threads;
@@ -56,4 +58,47 @@ pub(super) fn starts(places: &[Oriented], radius_mm: f64, threads: Threads) -> V
             ..Pose::identity()
         })
         .collect()
+}
+
+/// The radius of a ball by its own points.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct RadiusSeen {
+    pub radius_mm: f64,
+    /// Its standard uncertainty.
+    pub u_mm: f64,
+    /// What is left of the distances, in mm.
+    pub noise_mm: f64,
+}
+
+/// Steps of a fit that begins at the stated radius.
+const STEPS: usize = 12;
+
+/// The sphere of least squares through these points (Gauss and Newton), from about the right centre; none if they do not hold it.
+pub(super) fn radius_seen(points: &[Vec3], about: &Vec3, radius_mm: f64) -> Option<RadiusSeen> {
+    let (mut centre, mut radius) = (*about, radius_mm);
+    let (mut inverse, mut squares) = (Matrix4::zeros(), 0.0);
+    for _ in 0..STEPS {
+        let (mut h, mut g) = (Matrix4::zeros(), Vector4::zeros());
+        squares = 0.0;
+        for q in points {
+            let out = q - centre;
+            let n = out.normalize();
+            let row = Vector4::new(n.x, n.y, n.z, 1.0);
+            let left = out.norm() - radius;
+            h += row * row.transpose();
+            g += row * left;
+            squares += left * left;
+        }
+        inverse = h.try_inverse()?;
+        let step = inverse * g;
+        centre += step.xyz();
+        radius += step.w;
+    }
+    let noise_mm = (squares / (points.len() as f64 - 4.0).max(1.0)).sqrt();
+    let u_mm = noise_mm * inverse[(3, 3)].max(0.0).sqrt();
+    Some(RadiusSeen {
+        radius_mm: radius,
+        u_mm,
+        noise_mm,
+    })
 }

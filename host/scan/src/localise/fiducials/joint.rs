@@ -6,6 +6,7 @@ use super::super::fit::{self, INLIER};
 use super::super::search::scene;
 use super::super::uncertainty::{Group, Groups, certainty, turning};
 use super::super::{Located, degenerate, verdict_reasons};
+use super::balls::radius_seen;
 use super::own::{self, Own};
 use super::{
     Fiducial, FiducialSeen, FiducialShape, FiducialTask, LEAST_POINTS, ScannerFound, SymmetryAxis,
@@ -251,6 +252,12 @@ pub(super) fn finish(
         all: &groups,
         of: &of,
     };
+    let mut of_ball: Vec<Vec<Vec3>> = vec![Vec::new(); task.fiducials.len()];
+    for &i in on.iter().filter(|&&i| standing[of[i]]) {
+        of_ball[of[i]].push(points[i]);
+    }
+    let sizes = (task.fiducials.iter().zip(&of_ball)).filter_map(|(f, own)| size(f, own, &machine));
+    located.reasons.extend(sizes);
     let fiducials = seen(task, &machine, &on, &measured, groups, &standing, sigma);
     let mut on_fiducials = vec![false; points.len()];
     for i in on {
@@ -260,6 +267,31 @@ pub(super) fn finish(
         located,
         fiducials,
         on_fiducials,
+    })
+}
+
+/// A radius is off if it is by so many times its uncertainty and, beyond that, by so many times the noise:
+/// points of one ball share errors, and some of its post are among them.
+const SURELY: f64 = 4.0;
+const ROUGH: f64 = 1.0;
+
+/// What makes a ball NG: another radius than its file says. A ball seen from one side puts its centre off by as much and more.
+fn size(fiducial: &Fiducial, own: &[Vec3], machine: &Pose) -> Option<ScanError> {
+    let FiducialShape::Ball { radius_mm } = fiducial.shape else {
+        return None;
+    };
+    let centre = machine.point(&fiducial.pose.translation_mm);
+    let seen = radius_seen(own, &centre, radius_mm)?;
+    let off = seen.radius_mm - radius_mm;
+    (off.abs() > SURELY * seen.u_mm + ROUGH * seen.noise_mm).then(|| {
+        ScanError::refused(
+            "wrong_radius",
+            format_args!(
+                "{} has a radius of {:.3} mm in the scan, and {radius_mm} mm in its file ({off:+.3} mm): is the file right, \
+                 and does spray lie on the ball?",
+                fiducial.name, seen.radius_mm
+            ),
+        )
     })
 }
 

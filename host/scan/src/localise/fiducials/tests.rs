@@ -317,3 +317,29 @@ fn what_is_known_badly_weighs_little_and_widens_the_uncertainty() {
     // Four balls, each known to 0.05 mm.
     assert!((0.015..0.06).contains(&u), "{u}");
 }
+
+/// Balls with spray on them, or another radius in the file, are NG by name; those that are right are not. Among right ones a
+/// single wrong one disagrees with the others.
+#[test]
+fn balls_of_another_radius_are_ng_by_their_names() {
+    let mut random = Random(52);
+    let scanner = random.pose();
+    for off in [0.0, 0.1, 0.2] {
+        let mut bodies = balls();
+        for body in &mut bodies {
+            body.shape = FiducialShape::Ball {
+                radius_mm: 12.7 + off,
+            };
+        }
+        let points = scan(&bodies, &scanner, &mut random);
+        let reasons = task(&balls(), &points).find().unwrap().located.reasons;
+        let of_radius = reasons.iter().filter(|r| r.code == "wrong_radius");
+        let named: Vec<&str> = of_radius.map(|r| &r.message[..2]).collect();
+        let expected: &[&str] = if off == 0.0 {
+            &[]
+        } else {
+            &["S1", "S2", "S3", "S4"]
+        };
+        assert_eq!(named, expected, "{off}");
+    }
+}
