@@ -94,13 +94,16 @@ impl Seen {
         }
         let mut left: Vec<usize> = (0..self.own.len()).collect();
         let mut out: Vec<usize> = Vec::new();
-        // One after the other, the one without which the rest agrees best.
+        // One after the other, the one without which the rest agrees best. Two balls turn about their line: what they say of
+        // a third one's place is nothing, so the rest must hold what all do.
+        let held = e.held(&left);
         while left.len() > 2 && !e.agree_of(&left) {
             let mut without: Vec<(f64, usize)> = (0..left.len())
                 .filter_map(|i| {
                     let mut rest = left.clone();
                     rest.remove(i);
-                    (e.freedom(&rest) > 0).then(|| (e.misfit(&rest) - e.likely(&rest), i))
+                    (e.freedom(&rest) > 0 && e.held(&rest) == held)
+                        .then(|| (e.misfit(&rest) - e.likely(&rest), i))
                 })
                 .collect();
             without.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -171,10 +174,14 @@ impl Equations {
 
     /// Conditions beyond those that hold the pose.
     fn freedom(&self, these: &[usize]) -> usize {
+        let all: usize = these.iter().map(|&i| self.ranks[i]).sum();
+        all.saturating_sub(self.held(these))
+    }
+
+    /// The motions that these hold.
+    fn held(&self, these: &[usize]) -> usize {
         let sum: Matrix6<f64> = these.iter().map(|&i| self.weights[i]).sum();
         let (values, _) = eigen(&sum);
-        let held = values.iter().filter(|v| **v > 1e-7 * values[5]).count();
-        let all: usize = these.iter().map(|&i| self.ranks[i]).sum();
-        all.saturating_sub(held)
+        values.iter().filter(|v| **v > 1e-7 * values[5]).count()
     }
 }

@@ -343,3 +343,28 @@ fn balls_of_another_radius_are_ng_by_their_names() {
         assert_eq!(named, expected, "{off}");
     }
 }
+
+/// Of four balls one that has moved out of the plane of the others is told with how far that is, and no more: two balls that
+/// are left over turn freely, and say nothing of the others.
+#[test]
+fn no_distance_is_told_from_balls_that_turn_freely() {
+    let mut random = Random(53);
+    let scanner = random.pose();
+    let fiducials = [
+        ball("B0", [-60.0, -40.0, 20.0]),
+        ball("B1", [190.0, -35.0, 30.0]),
+        ball("B2", [170.0, 120.0, 25.0]),
+        ball("B3", [-50.0, 110.0, 60.0]),
+    ];
+    for off in [0.3, 0.4, 0.5, 0.6, 0.8, 1.0] {
+        let mut bodies = fiducials.to_vec();
+        bodies[1].pose.translation_mm.z += off;
+        let points = scan(&bodies, &scanner, &mut random);
+        let error = refused(&fiducials, &points);
+        assert_eq!(error.code, "fiducials_disagree");
+        for stray in error.details["fiducials"].as_array().unwrap() {
+            let told = stray["off_mm"].as_f64().unwrap();
+            assert!(told < 2.0 * off, "{off}: {}", error.message);
+        }
+    }
+}

@@ -25,7 +25,7 @@ use crate::show::terminal::Plain;
 
 /// Where the part is in a scan, or the scanner by fiducials, without a first guess, and how sure that is
 #[derive(Args)]
-#[command(after_help = HELP, group = ArgGroup::new("points").required(true), group = ArgGroup::new("sought").required(true).multiple(true))]
+#[command(after_help = HELP, override_usage = USAGE, group = ArgGroup::new("points").required(true), group = ArgGroup::new("sought").required(true).multiple(true))]
 pub(crate) struct Localise {
     /// The scan: PLY, PCD, LAS, STL or columns x,y,z
     #[arg(value_name = "SCAN", group = "points")]
@@ -87,6 +87,10 @@ pub(crate) struct Localise {
     pub format: Format,
 }
 
+const USAGE: &str = "\
+umi scan localise [OPTIONS] <SCAN> <--fiducials F.toml|--part MODEL.stl>
+       umi scan localise [OPTIONS] --scans S.toml --fiducials F.toml [--part MODEL.stl]";
+
 const HELP: &str = "\
 Finds rotation R and translation t with q = R p + t. With --part, p is in part
 coordinates and q in the machine's (the scan's, without --fiducials); with --fiducials
@@ -114,6 +118,8 @@ any shape; where they stand, and how sure, is in their file:
   rotation_deg = [0, 0, 90]      # about X, then Y, then Z; or rotation = 3 rows
   u_position_mm = 0.005          # standard uncertainties; 0 without
   u_rotation_rad = 0.0001
+Take four balls or more, not in one plane: of three, one that has moved out of their
+plane is not seen.
 
 Scans of a part that the machine had turned in between:
   [[scan]]
