@@ -53,7 +53,7 @@ impl Search<'_> {
             });
         let range = Range {
             even: *even,
-            limit_mm: 1.0 + 4.0 * (most - least),
+            limit_mm: (1.0 + 4.0 * (most - least)).min(self.far_mm),
         };
         let mut best = self.climb(self.step_to(even), arm, &range);
         let from_start = self.climb(Vector6::zeros(), arm, &range);

@@ -105,6 +105,9 @@ pub struct StockFound {
 /// Rounds in which margins are made even.
 const EVENINGS: usize = 6;
 
+/// A place that is further than this share of the part's size from where its stock is least is none in that raw part.
+const FAR: f64 = 0.5;
+
 /// The share of the model's area that need not be scanned.
 const UNMEASURED: f64 = 0.01;
 
@@ -112,7 +115,7 @@ impl StockTask<'_> {
     /// The best place by the objective, with its verdict.
     ///
     /// # Errors
-    /// `too_few_points` for fewer than six.
+    /// `too_few_points` for fewer than six; `unbounded` where no scanned face holds the part.
     pub fn find(&self) -> Result<StockFound, ScanError> {
         if self.points.len() < 6 {
             return Err(ScanError::refused(
@@ -131,13 +134,25 @@ impl StockTask<'_> {
         } else {
             middle(self.points)
         };
-        let even = self.least(&surface, self.points, locked, pivot, Offset::Free);
-        let (spikes, kept) = spikes::part(self.points, &even.measured, self.threads);
-        let even = if spikes.is_empty() {
-            even
-        } else {
-            self.least(&surface, &kept, locked, pivot, Offset::Free)
+        let fit = |points, offset| self.least(&surface, points, locked, pivot, offset);
+        // Far away all stock is even; the least stock is always near the scan.
+        let near = fit(self.points, Offset::Zero).motion;
+        let far_mm = FAR * self.model.diagonal_mm();
+        let corners = self.model.corners();
+        let even = |points| {
+            let even = fit(points, Offset::Free);
+            if even.motion.apart_mm(&near, &corners) <= far_mm {
+                Ok(even)
+            } else if self.objective == Objective::Balanced {
+                let away = even.motion.translation_mm - near.translation_mm;
+                Err(unbounded(&away))
+            } else {
+                Ok(fit(points, Offset::Zero))
+            }
         };
+        let all = even(self.points)?;
+        let (spikes, kept) = spikes::part(self.points, &all.measured, self.threads);
+        let even = if spikes.is_empty() { all } else { even(&kept)? };
         let rules = demand::rules(self.model, self.demands, self.require_mm);
         let motion = match self.objective {
             Objective::Balanced => even.motion,
@@ -152,7 +167,8 @@ impl StockTask<'_> {
                 locked,
                 pivot,
                 start: self.start,
-                corners: self.model.corners(),
+                corners,
+                far_mm,
                 threads: self.threads,
             }
             .best(
@@ -160,7 +176,12 @@ impl StockTask<'_> {
                 &self.by_demands(&surface, &kept, (locked, pivot), &rules, &even.motion),
             ),
         };
-        Ok(self.judge(&surface, &motion, spikes, &kept, &rules))
+        let found = self.judge(&surface, &motion, spikes, &kept, &rules);
+        let is_min = self.objective == Objective::Min;
+        match place::free_motion(&found.measured, &rules, &locked) {
+            Some(away) if is_min => Err(unbounded(&away)),
+            _ => Ok(found),
+        }
     }
 
     /// Where the margins are most even, by least squares: as-built faces on the model, and faces with stock above what
@@ -361,6 +382,22 @@ impl StockTask<'_> {
         }
         reasons
     }
+}
+
+/// Nothing holds the part against a motion along `away`, in the frame of the scan.
+fn unbounded(away: &Vec3) -> ScanError {
+    let away = away.try_normalize(0.0).unwrap_or_else(Vec3::zeros);
+    // Rounded, so that no minus zero is printed.
+    let away = away.map(|x| (x * 1e3).round() / 1e3 + 0.0);
+    ScanError::refused(
+        "unbounded",
+        format_args!(
+            "the part can move away along {:.3}, {:.3}, {:.3} of the scan, and no scanned face holds it: its stock \
+             there means nothing. Scan a face that looks the other way, name one that is as built (profile_mm in \
+             --faces), lock that direction (--lock), or begin where the part lies about (--start)",
+            away.x, away.y, away.z
+        ),
+    )
 }
 
 /// The mean of the points.

@@ -5,7 +5,7 @@ use nalgebra::Vector6;
 use super::demand::Rule;
 use crate::parallel::Threads;
 use crate::rigid::{Pose, Vec3, stepped};
-use crate::solve::linear::WIDTH;
+use crate::solve::linear::{MarginRow, WIDTH, highest};
 use crate::solve::{Measured, measure};
 use crate::surface::CompositeSurface;
 
@@ -25,8 +25,39 @@ pub(super) struct Search<'a> {
     pub start: Pose,
     /// The corners of the part, in its coordinates.
     pub corners: [Vec3; 8],
+    /// How far the part may go at most from where its stock is most even, in mm.
+    pub far_mm: f64,
     /// Threads.
     pub threads: Threads,
+}
+
+/// What every stock gains at least of a motion by which the part leaves, per mm: draft of a tenth of a degree is more.
+const LEAVES: f64 = 1e-3;
+
+/// The shift of the part, in the frame of the scan, by which every margin grows without end; none where one does not.
+///
+/// `locked`: turns, then shifts.
+pub(super) fn free_motion(
+    measured: &[Measured],
+    rules: &[Rule],
+    locked: &[bool; WIDTH],
+) -> Option<Vec3> {
+    if (measured.iter()).any(|m| matches!(rules[m.face], Rule::Profile(_))) {
+        return None;
+    }
+    let gains =
+        |m: &Measured| Vec3::from_fn(|i, _| if locked[3 + i] { 0.0 } else { -m.direction[i] });
+    let row = |gains: Vec3| MarginRow {
+        value: 0.0,
+        gradient: [0.0, 0.0, 0.0, gains.x, gains.y, gains.z],
+    };
+    let rows: Vec<MarginRow> = measured.iter().map(|m| row(gains(m))).collect();
+    let [.., x, y, z] = highest(&rows, 1.0)?.step;
+    // The programme's own is a corner of its reach: where the mean is a way out too, it is the straighter one.
+    [measured.iter().map(gains).sum::<Vec3>(), Vec3::new(x, y, z)]
+        .iter()
+        .filter_map(|away| away.try_normalize(0.0))
+        .find(|away| measured.iter().all(|m| gains(m).dot(away) > LEAVES))
 }
 
 /// A place that was tried.

@@ -320,3 +320,42 @@ fn five_points_are_too_few() {
         "too_few_points"
     );
 }
+
+/// The sides of the block that `keep` takes, as an open model.
+fn open(keep: impl Fn(&Vec3) -> bool) -> Mesh {
+    let model = block();
+    let kept = model.triangles().iter().filter(|t| keep(&t.normal));
+    Mesh::new(&kept.map(|t| t.corners).collect::<Vec<_>>()).unwrap()
+}
+
+/// Only the top is to be machined and was scanned, beyond its border too: downwards every stock grows without end.
+#[test]
+fn a_part_that_no_scanned_face_holds_is_refused_and_one_that_sides_or_locks_hold_is_not() {
+    let top = open(|normal| normal.z > 0.5);
+    let mut only_top = [None; 6];
+    only_top[5] = Some(1.0);
+    let beyond = |p: &Vec3| p.component_mul(&Vec3::new(1.3, 1.3, 1.0));
+    let inside = raw(only_top, &Pose::identity());
+    let points: Vec<Vec3> = inside.iter().map(beyond).collect();
+    for (points, objective) in [
+        (&inside, Objective::Min),
+        (&points, Objective::Min),
+        (&points, Objective::Balanced),
+    ] {
+        let mut task = task(&top, points);
+        task.objective = objective;
+        let error = task.find().map(|f| f.min_mm).expect_err("moved away");
+        assert_eq!(error.code, "unbounded");
+        assert!(error.message.contains("-1.000 of the scan"), "{error}");
+    }
+    let mut locked = task(&top, &inside);
+    locked.locked[2] = true;
+    assert!((locked.find().unwrap().min_mm - 1.0).abs() < 1e-6);
+
+    let five = open(|normal| normal.z > -0.5);
+    let mut stock = UNEVEN;
+    stock[4] = None;
+    let found = task(&five, &raw(stock, &moved())).find().unwrap();
+    assert_eq!(found.reasons, []);
+    assert!((found.min_mm - 0.4).abs() < 1e-6, "{}", found.min_mm);
+}

@@ -731,9 +731,15 @@ fn the_stock_of_a_block_is_what_was_left_on_it() {
         }
     }
     facets.push_str("endsolid block\n");
-    let (part, raw) = (
+    // Without one of its sides.
+    let open = facets
+        .split_inclusive("endfacet\n")
+        .skip(2)
+        .collect::<String>();
+    let (part, raw, open) = (
         folder.file("part.stl", facets),
         folder.file("raw.csv", points),
+        folder.file("open.stl", format!("solid open\n{open}")),
     );
     let moved = folder.path("moved.json");
     let stock = |need: &str| {
@@ -772,6 +778,9 @@ fn the_stock_of_a_block_is_what_was_left_on_it() {
     ] {
         assert!(page.contains(words), "no {words:?} on the page");
     }
+    let found = umi(&["scan", "stock", &open, &raw, "--json"]).json();
+    let warnings = found["warnings"].to_string();
+    assert!(warnings.contains("open_mesh"), "{found}");
     let scarce = stock("2.5").exits(2).json();
     assert_eq!(scarce["verdict"], "NG");
     assert_eq!(scarce["reasons"][0]["code"], "too_little_stock", "{scarce}");

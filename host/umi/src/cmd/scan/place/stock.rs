@@ -88,7 +88,17 @@ With --faces, each face states what it needs:
   stock_mm = 0.3         # or profile_mm = 1.2: as built, half of it to either side
 
 Exit status: 0 verdict OK; 2 verdict NG (no_stock, too_little_stock, unmeasured)
-or refused (too_few_points, empty_model, not_finite); 1 a file (bad_file) or usage.";
+or refused (too_few_points, unbounded, empty_model, not_finite); 1 a file (bad_file)
+or usage.";
+
+/// What was found of which files.
+struct StockAnswer {
+    found: StockFound,
+    /// Points in the scan.
+    n: usize,
+    /// What is odd about the model.
+    warnings: Vec<String>,
+}
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Best {
@@ -127,21 +137,21 @@ impl Stock {
         for path in self.output.iter().chain(&self.map).chain(&self.report) {
             self.force.check(path, &inputs)?;
         }
-        let (found, n) = self.find().map_err(failure)?;
+        let answer = self.find().map_err(failure)?;
         let placed = Placed {
-            motion: &found.motion,
+            motion: &answer.found.motion,
             frames: self.frame.of_part(),
-            reasons: &found.reasons,
+            reasons: &answer.found.reasons,
         };
         placed.answer(
             self.output.as_deref(),
             self.format.json,
-            || self.machine(&placed, &found, n),
-            || self.text(&placed, &found, n),
+            || self.machine(&placed, &answer),
+            || answer.text(&placed),
         )
     }
 
-    fn find(&self) -> Result<(StockFound, usize), ScanError> {
+    fn find(&self) -> Result<StockAnswer, ScanError> {
         let model = read_stl(&self.model)?;
         let cloud = read_cloud(&self.scan)?;
         let demands = match &self.faces {
@@ -185,7 +195,11 @@ impl Stock {
             let page = stock_page::page(&self.model, &used, &found, least_mm)?;
             std::fs::write(path, page).map_err(|error| io(path, error))?;
         }
-        Ok((found, cloud.points.len() + cloud.not_finite))
+        Ok(StockAnswer {
+            found,
+            n: cloud.points.len() + cloud.not_finite,
+            warnings: model.flaws(),
+        })
     }
 
     fn objective(&self) -> &'static str {
@@ -196,7 +210,8 @@ impl Stock {
         }
     }
 
-    fn machine(&self, placed: &Placed<'_>, found: &StockFound, n: usize) -> Value {
+    fn machine(&self, placed: &Placed<'_>, answer: &StockAnswer) -> Value {
+        let found = &answer.found;
         let locked: Vec<&str> = AXES
             .iter()
             .filter(|(axis, _)| self.lock.contains(axis))
@@ -215,16 +230,22 @@ impl Stock {
             "min_mm": found.min_mm, "mean_mm": found.mean_mm, "max_mm": found.max_mm,
             "margin_mm": found.margin_mm,
             "least_at_mm": found.least_at_mm.as_slice(),
-            "n": n, "n_used": found.n_used, "spikes": found.spikes,
+            "n": answer.n, "n_used": found.n_used, "spikes": found.spikes,
             "locked": locked, "faces": faces, "unmeasured": found.unmeasured,
             "verdict": placed.verdict(),
-            "reasons": placed.reasons(),
+            "reasons": placed.reasons(), "warnings": answer.warnings,
         });
         placed.object("stock", fields)
     }
+}
 
-    fn text(&self, placed: &Placed<'_>, found: &StockFound, n: usize) -> String {
+impl StockAnswer {
+    fn text(&self, placed: &Placed<'_>) -> String {
+        let (found, n) = (&self.found, self.n);
         let mut text = placed.headline();
+        for warning in &self.warnings {
+            let _ = writeln!(text, "warning: {warning}");
+        }
         let p = found.least_at_mm;
         let _ = writeln!(
             text,
