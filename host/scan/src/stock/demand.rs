@@ -1,6 +1,7 @@
 //! What each face of the part demands.
 
 use super::{FaceStock, span};
+use crate::ScanError;
 use crate::solve::Measured;
 use crate::surface::Mesh;
 
@@ -43,6 +44,8 @@ pub struct Demand {
     pub rule: Rule,
 }
 
+/// The model's triangles of a face have at least this share of the area of its mesh.
+const OWNED: f64 = 0.5;
 /// How far a face's mesh may lie from the model's triangle that belongs to it, in mm.
 const SAME_MM: f64 = 0.02;
 
@@ -68,6 +71,44 @@ fn owners(model: &Mesh, demands: &[Demand]) -> Vec<Option<usize>> {
                 .map(|(i, _)| i)
         })
         .collect()
+}
+
+/// Each face is a part of the model: else what it demands is asked of no point.
+///
+/// # Errors
+/// `bad_file`, with the face and how far it lies off the model.
+pub(super) fn check(model: &Mesh, demands: &[Demand]) -> Result<(), ScanError> {
+    let owners = owners(model, demands);
+    for (i, demand) in demands.iter().enumerate() {
+        let triangles = model.triangles().iter().zip(&owners);
+        let owned = triangles.filter(|(_, owner)| **owner == Some(i));
+        let owned_mm2: f64 = owned.map(|(t, _)| t.area_mm2).sum();
+        if owned_mm2 >= OWNED * demand.mesh.area_mm2() {
+            continue;
+        }
+        let corners = demand.mesh.triangles().iter().flat_map(|t| t.corners);
+        let off_mm = corners
+            .map(|corner| model.near(&corner).distance_mm.abs())
+            .fold(0.0, f64::max);
+        let (name, what) = (
+            &demand.name,
+            "export it from the model, in mm and in its frame",
+        );
+        return Err(ScanError::unreadable(
+            "bad_file",
+            if off_mm > SAME_MM {
+                format!(
+                    "the face `{name}` is no part of the model, it lies up to {off_mm:.3} mm off: {what}"
+                )
+            } else {
+                format!(
+                    "the face `{name}` owns too few triangles of the model: another face has them, they look the other \
+                     way, or they are not the model's; {what}"
+                )
+            },
+        ));
+    }
+    Ok(())
 }
 
 /// The rule of each triangle; where no face demands anything, `require` or that there is stock at all.

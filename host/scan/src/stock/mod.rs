@@ -115,7 +115,8 @@ impl StockTask<'_> {
     /// The best place by the objective, with its verdict.
     ///
     /// # Errors
-    /// `too_few_points` for fewer than six; `unbounded` where no scanned face holds the part.
+    /// `too_few_points` for fewer than six; `bad_file` for a face that is not on the model; `unbounded` where no scanned
+    /// face holds the part.
     pub fn find(&self) -> Result<StockFound, ScanError> {
         if self.points.len() < 6 {
             return Err(ScanError::refused(
@@ -126,6 +127,7 @@ impl StockTask<'_> {
                 ),
             ));
         }
+        demand::check(self.model, self.demands)?;
         let surface = CompositeSurface::from(self.model.clone());
         // Turns first in the solvers, shifts first for people.
         let locked: [bool; 6] = std::array::from_fn(|i| self.locked[(i + 3) % 6]);
@@ -355,6 +357,15 @@ impl StockTask<'_> {
                     format_args!("on a face without demands the raw part lies {:.4} mm inside the finished one", -found.margin_mm),
                 ));
             }
+        }
+        for face in found.faces.iter().filter(|face| face.n == 0) {
+            reasons.push(ScanError::refused(
+                "unmeasured",
+                format_args!(
+                    "no point of the scan belongs to the face `{}`, so nothing says what it has: scan it too",
+                    face.name
+                ),
+            ));
         }
         if found.unmeasured > UNMEASURED {
             let places: Vec<String> = found

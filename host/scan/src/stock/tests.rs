@@ -359,3 +359,44 @@ fn a_part_that_no_scanned_face_holds_is_refused_and_one_that_sides_or_locks_hold
     assert_eq!(found.reasons, []);
     assert!((found.min_mm - 0.4).abs() < 1e-6, "{}", found.min_mm);
 }
+
+#[test]
+fn a_face_that_is_not_on_the_model_is_a_bad_file_and_one_that_no_point_shows_is_named() {
+    let model = block();
+    let mut points = raw([Some(0.5); 6], &moved());
+    let top = open(|normal| normal.z > 0.5);
+    let by = |scale: f64, up: f64| {
+        let corners = top.triangles().iter().map(|t| t.corners);
+        let moved = corners.map(|c| c.map(|c| c * scale + Vec3::z() * up));
+        Mesh::new(&moved.collect::<Vec<_>>()).unwrap()
+    };
+    let top_twice = |mesh| {
+        [("top", top.clone()), ("second", mesh)].map(|(name, mesh)| Demand {
+            name: name.into(),
+            mesh,
+            rule: Rule::Stock(0.1),
+        })
+    };
+    // 5 mm above, in inches, and a face that another has already.
+    for (mesh, words) in [
+        (by(1.0, 5.0), "5.000 mm off"),
+        (by(1.0 / 25.4, 0.0), "9.606 mm off"),
+        (by(1.0, 0.0), "owns"),
+    ] {
+        let demands = top_twice(mesh);
+        let mut task = task(&model, &points);
+        task.demands = &demands;
+        let found = task.find().map(|found| found.faces);
+        let error = found.expect_err("a demand that no point is asked");
+        assert_eq!(error.code, "bad_file");
+        assert!(error.message.contains("`second`"), "{error}");
+        assert!(error.message.contains(words), "{error}");
+    }
+    points.truncate(2000);
+    let demands = &top_twice(by(1.0, 0.0))[..1];
+    let mut task = task(&model, &points);
+    task.demands = demands;
+    let reasons = task.find().unwrap().reasons;
+    let named = |r: &ScanError| r.code == "unmeasured" && r.message.contains("`top`");
+    assert!(reasons.iter().any(named), "{reasons:?}");
+}
