@@ -24,6 +24,11 @@ impl Rule {
         }
     }
 
+    /// Whether material is missing for the rule.
+    pub(super) fn lacks(self, stock_mm: f64) -> bool {
+        self.margin(stock_mm) < 0.0 && self.slope(stock_mm) > 0.0
+    }
+
     /// How the margin grows with the stock: 1 or −1.
     pub(super) fn slope(self, stock_mm: f64) -> f64 {
         match self {

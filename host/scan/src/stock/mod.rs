@@ -88,6 +88,8 @@ pub struct StockFound {
     pub n_used: usize,
     /// The points that were left out because none near them is like them, by number.
     pub spikes: Vec<usize>,
+    /// Those of them where material is missing, in the frame of the scan (mm), with their stock in mm.
+    pub below: Vec<(Vec3, f64)>,
     /// Faces that have demands.
     pub faces: Vec<FaceStock>,
     /// The share of the model's area in patches that the scan does not show.
@@ -293,6 +295,13 @@ impl StockTask<'_> {
             .iter()
             .map(|m| rules[m.face].margin(m.distance_mm))
             .fold(f64::INFINITY, f64::min);
+        let left_out: Vec<Vec3> = spikes.iter().map(|&i| self.points[i]).collect();
+        let below = measure(surface, &left_out, motion, &[], self.threads)
+            .iter()
+            .zip(left_out)
+            .filter(|(m, _)| rules[m.face].lacks(m.distance_mm))
+            .map(|(m, q)| (q, m.distance_mm))
+            .collect();
         let faces = demand::by_face(self.model, self.demands, rules, &measured);
         let (unmeasured, bare) = patches::bare(self.model, &measured);
         let mut found = StockFound {
@@ -303,6 +312,7 @@ impl StockTask<'_> {
             margin_mm,
             n_used: kept.len(),
             spikes,
+            below,
             faces,
             unmeasured,
             bare,
@@ -357,6 +367,21 @@ impl StockTask<'_> {
                     format_args!("on a face without demands the raw part lies {:.4} mm inside the finished one", -found.margin_mm),
                 ));
             }
+        }
+        if !found.below.is_empty() {
+            let places = found.below.iter().take(5);
+            let places: Vec<String> = places
+                .map(|(q, mm)| format!("{mm:.4} mm at {:.3}, {:.3}, {:.3}", q.x, q.y, q.z))
+                .collect();
+            reasons.push(ScanError::refused(
+                "spike_below",
+                format_args!(
+                    "single points with too little stock, {} of them, were left out as spikes ({} of the scan): look \
+                     whether the raw part has a pit there; where it has none, delete the point from the scan",
+                    found.below.len(),
+                    places.join("; ")
+                ),
+            ));
         }
         for face in found.faces.iter().filter(|face| face.n == 0) {
             reasons.push(ScanError::refused(

@@ -11,8 +11,9 @@ const ASKED: usize = 16;
 /// The numbers of the spikes, and the other points.
 ///
 /// A spike differs from the median of its neighbours by more than twelve times what neighbours differ by and 0.2 mm,
-/// and none of them differs by more than three quarters as much: an edge, or a dent that two points show, is no spike.
-/// When in doubt a point stays: to leave out a true one could turn NG into OK.
+/// and none of them differs by more than three quarters as much: an edge is no spike. Where material is missing none
+/// differs by more than a quarter of that limit: two points show a pit, and its tip is true. When in doubt a point stays:
+/// to leave out a true one could turn NG into OK.
 pub(super) fn part(
     points: &[Vec3],
     measured: &[Measured],
@@ -39,7 +40,8 @@ pub(super) fn part(
     let limit = 12.0 * 1.4826 * median(&mut sizes) + 0.2;
     let is_spike = |i: usize| {
         let (own, alike) = around[i];
-        own.abs() > limit && alike < 0.75 * own.abs()
+        let unlike = if own < 0.0 { 0.25 * limit } else { 0.75 * own };
+        own.abs() > limit && alike < unlike
     };
     let spikes: Vec<usize> = (0..points.len()).filter(|&i| is_spike(i)).collect();
     let kept = (0..points.len())

@@ -400,3 +400,31 @@ fn a_face_that_is_not_on_the_model_is_a_bad_file_and_one_that_no_point_shows_is_
     let named = |r: &ScanError| r.code == "unmeasured" && r.message.contains("`top`");
     assert!(reasons.iter().any(named), "{reasons:?}");
 }
+
+/// A cone-shaped pit that two points show, with its tip; a single low point; and one that is low but has enough.
+#[test]
+fn a_pit_that_two_points_show_counts_and_a_single_low_point_is_named() {
+    let model = block();
+    let low = |lowered: &[(usize, f64)]| {
+        let mut points = raw([Some(0.5); 6], &Pose::identity());
+        for (point, by) in lowered {
+            points[*point].z -= by;
+        }
+        task(&model, &points).find().unwrap()
+    };
+    let codes = |found: &StockFound| found.reasons.iter().map(|r| r.code).collect::<Vec<_>>();
+    let pit = low(&[(2210, 2.0), (2211, 0.4)]);
+    assert_eq!((codes(&pit), pit.spikes), (vec!["no_stock"], vec![]));
+    assert!(pit.min_mm < -0.4, "{}", pit.min_mm);
+
+    let single = low(&[(2210, 2.0)]);
+    assert_eq!(
+        (codes(&single), &single.spikes[..]),
+        (vec!["spike_below"], &[2210][..])
+    );
+    let told = &single.reasons[0].message;
+    assert!(told.contains("-1.500"), "{told}");
+
+    let enough = low(&[(2210, 0.3)]);
+    assert_eq!((codes(&enough), enough.spikes), (vec![], vec![2210]));
+}

@@ -75,6 +75,9 @@ const HELP: &str = "\
 Stock is the signed distance from the finished part's surface to a scanned point;
 positive is material. The transform carries part coordinates into the scan's.
 
+Single points that no neighbour is like are left out as spikes. Where one of them has
+too little stock, the verdict is NG: a pit can be that narrow.
+
 Examples:
   umi scan stock part.stl raw.ply
   umi scan stock part.stl raw.ply --require 0.5 -o moved.json --scan-in offset
@@ -87,9 +90,9 @@ With --faces, each face states what it needs:
   mesh = \"bore.stl\"      # its triangles, a part of the model
   stock_mm = 0.3         # or profile_mm = 1.2: as built, half of it to either side
 
-Exit status: 0 verdict OK; 2 verdict NG (no_stock, too_little_stock, unmeasured)
-or refused (too_few_points, unbounded, empty_model, not_finite); 1 a file (bad_file)
-or usage.";
+Exit status: 0 verdict OK; 2 verdict NG (no_stock, too_little_stock, spike_below,
+unmeasured) or refused (too_few_points, unbounded, empty_model, not_finite); 1 a file
+(bad_file) or usage.";
 
 /// What was found of which files.
 struct StockAnswer {
