@@ -100,7 +100,7 @@ pub struct StockFound {
     pub least_at_mm: Vec3,
     /// Every point against the model.
     pub measured: Vec<Measured>,
-    /// Why the verdict is NG; OK if there is nothing.
+    /// Why the verdict is NG. None: OK, material is left everywhere, whatever the objective.
     pub reasons: Vec<ScanError>,
 }
 
@@ -330,10 +330,18 @@ impl StockTask<'_> {
         let at = format!("at {:.3}, {:.3}, {:.3} mm of the scan", p.x, p.y, p.z);
         let least = found.min_mm;
         // Where faces have demands, below nominal can be within a profile's tolerance.
-        if self.objective == Objective::Min && self.demands.is_empty() && least < 0.0 {
+        if self.demands.is_empty() && least < 0.0 {
+            let what = if self.objective == Objective::Min {
+                "no place leaves material everywhere"
+            } else {
+                "the place with the largest least stock is that of --objective min"
+            };
             reasons.push(ScanError::refused(
                 "no_stock",
-                format_args!("the raw part lies {:.4} mm inside the finished one {at}: there no place leaves material everywhere", -least),
+                format_args!(
+                    "the raw part lies {:.4} mm inside the finished one {at}: {what}",
+                    -least
+                ),
             ));
         }
         if let Some(require) = self.require_mm.filter(|require| least < *require) {
@@ -342,7 +350,7 @@ impl StockTask<'_> {
                 format_args!("the least stock is {least:.4} mm {at}; {require} mm are required"),
             ));
         }
-        if self.objective == Objective::Min && !self.demands.is_empty() {
+        if !self.demands.is_empty() {
             if let Some(face) = found
                 .faces
                 .iter()

@@ -428,3 +428,28 @@ fn a_pit_that_two_points_show_counts_and_a_single_low_point_is_named() {
     let enough = low(&[(2210, 0.3)]);
     assert_eq!((codes(&enough), enough.spikes), (vec![], vec![2210]));
 }
+
+#[test]
+fn no_objective_says_ok_where_material_is_missing() {
+    let model = block();
+    let mut stock = [Some(0.5); 6];
+    // From top to bottom the raw part is too small.
+    (stock[4], stock[5]) = (Some(-0.2), Some(0.1));
+    let points = raw(stock, &moved());
+    let top = [Demand {
+        name: "top".into(),
+        mesh: open(|normal| normal.z > 0.5),
+        rule: Rule::Stock(0.8),
+    }];
+    let even = raw([Some(0.5); 6], &moved());
+    for objective in [Objective::Balanced, Objective::LeastSquares, Objective::Min] {
+        let mut bare = task(&model, &points);
+        bare.objective = objective;
+        assert_eq!(bare.find().unwrap().reasons[0].code, "no_stock");
+    }
+    let mut missed = task(&model, &even);
+    (missed.objective, missed.demands) = (Objective::Balanced, &top);
+    let reasons = missed.find().unwrap().reasons;
+    assert_eq!(reasons[0].code, "too_little_stock");
+    assert!(reasons[0].message.contains("`top`"), "{reasons:?}");
+}

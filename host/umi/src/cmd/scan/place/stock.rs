@@ -74,6 +74,7 @@ pub(crate) struct Stock {
 const HELP: &str = "\
 Stock is the signed distance from the finished part's surface to a scanned point;
 positive is material. The transform carries part coordinates into the scan's.
+Verdict OK: by any objective, every face has the stock that it needs.
 
 Single points that no neighbour is like are left out as spikes. Where one of them has
 too little stock, the verdict is NG: a pit can be that narrow.
