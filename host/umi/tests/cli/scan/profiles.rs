@@ -731,6 +731,7 @@ fn the_stock_of_a_block_is_what_was_left_on_it() {
         }
     }
     facets.push_str("endsolid block\n");
+    points.push_str("nan,nan,nan\n");
     // Without one of its sides.
     let open = facets
         .split_inclusive("endfacet\n")
@@ -758,6 +759,8 @@ fn the_stock_of_a_block_is_what_was_left_on_it() {
     };
     let enough = stock("1.5").exits(0).json();
     assert_eq!(enough["verdict"], "OK", "{enough}");
+    let counts = ["n", "n_used", "not_finite"].map(|name| &enough[name]);
+    assert_eq!(counts, [601, 600, 1], "{enough}");
     assert!(
         (enough["min_mm"].as_f64().unwrap() - 2.0).abs() < 1e-6,
         "{enough}"
@@ -770,6 +773,7 @@ fn the_stock_of_a_block_is_what_was_left_on_it() {
     let said = umi(&[&["scan", "stock", &part, &raw][..], &asked].concat()).exits(0);
     let page = std::fs::read_to_string(&page).unwrap();
     assert!(said.out.starts_with("OK\n"), "{}", said.out);
+    assert!(said.out.contains("1 not finite"), "{}", said.out);
     for words in [
         "OK: least stock 2.",
         "Content-Security-Policy",

@@ -100,6 +100,8 @@ struct StockAnswer {
     found: StockFound,
     /// Points in the scan.
     n: usize,
+    /// Those of them without three finite coordinates: they were left out.
+    not_finite: usize,
     /// What is odd about the model.
     warnings: Vec<String>,
 }
@@ -202,6 +204,7 @@ impl Stock {
         Ok(StockAnswer {
             found,
             n: cloud.points.len() + cloud.not_finite,
+            not_finite: cloud.not_finite,
             warnings: model.flaws(),
         })
     }
@@ -234,7 +237,7 @@ impl Stock {
             "min_mm": found.min_mm, "mean_mm": found.mean_mm, "max_mm": found.max_mm,
             "margin_mm": found.margin_mm,
             "least_at_mm": found.least_at_mm.as_slice(),
-            "n": answer.n, "n_used": found.n_used, "spikes": found.spikes,
+            "n": answer.n, "not_finite": answer.not_finite, "n_used": found.n_used, "spikes": found.spikes,
             "locked": locked, "faces": faces, "unmeasured": found.unmeasured,
             "verdict": placed.verdict(),
             "reasons": placed.reasons(), "warnings": answer.warnings,
@@ -279,9 +282,10 @@ impl StockAnswer {
         }
         let _ = writeln!(
             text,
-            "points  {} of {n} used, {} left out as spikes; {:.1} % of the surface not scanned",
+            "points  {} of {n} used, {} left out as spikes, {} not finite; {:.1} % of the surface not scanned",
             found.n_used,
             found.spikes.len(),
+            self.not_finite,
             found.unmeasured * 100.0
         );
         text.push_str(&placed.pose("scan from part"));
