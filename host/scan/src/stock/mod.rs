@@ -418,8 +418,10 @@ impl StockTask<'_> {
             reasons.push(ScanError::refused(
                 "unmeasured",
                 format_args!(
-                    "{:.1} % of the part's surface is not scanned ({}; part coordinates): scan it from there too",
+                    "{:.1} % of the part's surface is not scanned, or by less than a point to {:.1} mm square ({}; part \
+                     coordinates): scan it from there too",
                     found.unmeasured * 100.0,
+                    patches::SQUARE * self.model.diagonal_mm(),
                     places.join("; ")
                 ),
             ));

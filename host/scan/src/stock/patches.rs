@@ -8,6 +8,8 @@ use crate::surface::{Mesh, Triangle};
 
 /// A patch that owns less than this share of what its area would give is not scanned.
 const OWNED: f64 = 0.1;
+/// And one that owns less than a point to a square of this share of the model's size: between them nobody saw it.
+pub(super) const SQUARE: f64 = 0.1;
 /// Patches below this share of the area are not judged.
 const LEAST: f64 = 0.01;
 
@@ -29,11 +31,10 @@ pub(super) fn bare(model: &Mesh, measured: &[Measured]) -> (f64, Vec<(Vec3, f64)
         points[patch_of[m.face]] += 1;
     }
     let all = model.area_mm2();
+    let per_mm2 =
+        (OWNED * measured.len() as f64 / all).max((SQUARE * model.diagonal_mm()).powi(-2));
     let mut bare: Vec<(Vec3, f64)> = (0..count)
-        .filter(|&p| {
-            let share = area[p] / all;
-            share >= LEAST && (points[p] as f64) < OWNED * share * measured.len() as f64
-        })
+        .filter(|&p| area[p] >= LEAST * all && (points[p] as f64) < per_mm2 * area[p])
         .map(|p| (middle[p] / area[p], area[p] / all))
         .collect();
     bare.sort_by(|a, b| b.1.total_cmp(&a.1));

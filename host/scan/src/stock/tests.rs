@@ -453,3 +453,16 @@ fn no_objective_says_ok_where_material_is_missing() {
     assert_eq!(reasons[0].code, "too_little_stock");
     assert!(reasons[0].message.contains("`top`"), "{reasons:?}");
 }
+
+/// A point to some 135 mm² of a part of 75 mm: what lies between them nobody saw.
+#[test]
+fn a_scan_of_few_points_leaves_the_surface_unmeasured() {
+    let model = block();
+    let points: Vec<Vec3> = raw([Some(0.5); 6], &Pose::identity())
+        .into_iter()
+        .step_by(37)
+        .collect();
+    let found = task(&model, &points).find().unwrap();
+    let codes: Vec<&str> = found.reasons.iter().map(|r| r.code).collect();
+    assert_eq!(codes, ["unmeasured"]);
+}
