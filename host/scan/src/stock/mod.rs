@@ -155,7 +155,8 @@ impl StockTask<'_> {
             }
         };
         let all = even(self.points)?;
-        let (spikes, kept) = spikes::part(self.points, &all.measured, self.threads);
+        let is_inside = self.insides(&all.motion);
+        let (spikes, kept) = spikes::part(self.points, &all.measured, is_inside, self.threads);
         let even = if spikes.is_empty() { all } else { even(&kept)? };
         let rules = demand::rules(self.model, self.demands, self.require_mm);
         let motion = match self.objective {
@@ -281,6 +282,13 @@ impl StockTask<'_> {
         .solve(&self.start)
     }
 
+    /// Whether a point of the scan is inside the part at this place. The nearest face can be a needle that looks the wrong
+    /// way: inside a closed model is what all of it goes around; of another the nearest face has to do.
+    fn insides(&self, motion: &Pose) -> impl Fn(&Vec3) -> bool + Sync {
+        let is_closed = self.model.is_closed();
+        move |q| !is_closed || self.model.winding(&motion.undo(q)) > 0.5
+    }
+
     fn judge(
         &self,
         surface: &CompositeSurface,
@@ -296,11 +304,17 @@ impl StockTask<'_> {
             .map(|m| rules[m.face].margin(m.distance_mm))
             .fold(f64::INFINITY, f64::min);
         let left_out: Vec<Vec3> = spikes.iter().map(|&i| self.points[i]).collect();
+        let is_inside = self.insides(motion);
         let below = measure(surface, &left_out, motion, &[], self.threads)
             .iter()
             .zip(left_out)
-            .filter(|(m, _)| rules[m.face].lacks(m.distance_mm))
-            .map(|(m, q)| (q, m.distance_mm))
+            .map(|(m, q)| {
+                let mm = m.distance_mm;
+                let outside = mm < 0.0 && !is_inside(&q);
+                (m.face, q, if outside { -mm } else { mm })
+            })
+            .filter(|(face, _, mm)| rules[*face].lacks(*mm))
+            .map(|(_, q, mm)| (q, mm))
             .collect();
         let faces = demand::by_face(self.model, self.demands, rules, &measured);
         let (unmeasured, bare) = patches::bare(self.model, &measured);

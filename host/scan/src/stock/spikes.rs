@@ -13,36 +13,43 @@ const ASKED: usize = 16;
 /// A spike differs from the median of its neighbours by more than twelve times what neighbours differ by and 0.2 mm,
 /// and none of them differs by more than three quarters as much: an edge is no spike. Where material is missing none
 /// differs by more than a quarter of that limit: two points show a pit, and its tip is true. When in doubt a point stays:
-/// to leave out a true one could turn NG into OK.
+/// to leave out a true one could turn NG into OK. A low point that is not inside the part after all, as `is_inside` says, is
+/// one, and shows no pit.
 pub(super) fn part(
     points: &[Vec3],
     measured: &[Measured],
+    is_inside: impl Fn(&Vec3) -> bool + Sync,
     threads: Threads,
 ) -> (Vec<usize>, Vec<Vec3>) {
     let tree = PointTree::new(points);
-    let around: Vec<(f64, f64)> = threads.each(points.len(), |i| {
+    let around = |i: usize| {
         let mut found = Vec::new();
         tree.nearest(&points[i], ASKED + 1, &mut found);
-        let mut stocks: Vec<f64> = found
-            .iter()
-            .filter(|(_, k)| *k as usize != i)
-            .map(|(_, k)| measured[*k as usize].distance_mm)
-            .collect();
-        let middle = median(&mut stocks);
-        let own = measured[i].distance_mm - middle;
-        let alike = stocks
-            .iter()
-            .map(|stock| (stock - middle) * own.signum())
-            .fold(f64::NEG_INFINITY, f64::max);
-        (own, alike)
-    });
-    let mut sizes: Vec<f64> = around.iter().map(|(own, _)| own.abs()).collect();
-    let limit = 12.0 * 1.4826 * median(&mut sizes) + 0.2;
-    let is_spike = |i: usize| {
-        let (own, alike) = around[i];
-        let unlike = if own < 0.0 { 0.25 * limit } else { 0.75 * own };
-        own.abs() > limit && alike < unlike
+        found.retain(|(_, k)| *k as usize != i);
+        found
     };
+    let stock = |i: usize| measured[i].distance_mm;
+    // What each point's neighbours have, and what it has more.
+    let own: Vec<(f64, f64)> = threads.each(points.len(), |i| {
+        let mut stocks: Vec<f64> = around(i).iter().map(|(_, k)| stock(*k as usize)).collect();
+        let middle = median(&mut stocks);
+        (middle, stock(i) - middle)
+    });
+    let mut sizes: Vec<f64> = own.iter().map(|(_, own)| own.abs()).collect();
+    let limit = 12.0 * 1.4826 * median(&mut sizes) + 0.2;
+    let is_misjudged: Vec<bool> = threads.each(points.len(), |i| {
+        own[i].1 < -limit && stock(i) < 0.0 && !is_inside(&points[i])
+    });
+    let spike: Vec<bool> = threads.each(points.len(), |i| {
+        let (middle, own) = own[i];
+        if own.abs() <= limit || is_misjudged[i] {
+            return is_misjudged[i];
+        }
+        let unlike = if own < 0.0 { 0.25 * limit } else { 0.75 * own };
+        let mut others = around(i).into_iter().map(|(_, k)| k as usize);
+        others.all(|k| is_misjudged[k] || (stock(k) - middle) * own.signum() < unlike)
+    });
+    let is_spike = |i: usize| spike[i];
     let spikes: Vec<usize> = (0..points.len()).filter(|&i| is_spike(i)).collect();
     let kept = (0..points.len())
         .filter(|&i| !is_spike(i))

@@ -430,6 +430,13 @@ fn a_pit_that_two_points_show_counts_and_a_single_low_point_is_named() {
 }
 
 #[test]
+fn a_closed_mesh_goes_around_what_is_inside_once() {
+    let model = block();
+    let of = |z| model.winding(&Vec3::new(3.0, 2.0, z));
+    assert!((of(9.9) - 1.0).abs() < 1e-9 && of(10.1).abs() < 1e-9);
+}
+
+#[test]
 fn no_objective_says_ok_where_material_is_missing() {
     let model = block();
     let mut stock = [Some(0.5); 6];

@@ -73,6 +73,20 @@ impl Sheared {
 }
 
 impl Mesh {
+    /// How often the faces go around a point: 1 inside a closed mesh and 0 outside, a needle that looks the wrong way
+    /// notwithstanding. The sum of their solid angles (A. van Oosterom, J. Strackee, IEEE Trans. Biomed. Eng. 30 (2),
+    /// 1983) over 4π.
+    #[must_use]
+    pub fn winding(&self, p: &Vec3) -> f64 {
+        let half_angles = self.triangles().iter().map(|t| {
+            let [a, b, c] = t.corners.map(|corner| corner - p);
+            let [x, y, z] = [a, b, c].map(|v| v.norm());
+            let whole = x * y * z + a.dot(&b) * z + b.dot(&c) * x + c.dot(&a) * y;
+            a.dot(&b.cross(&c)).atan2(whole)
+        });
+        half_angles.sum::<f64>() / std::f64::consts::TAU
+    }
+
     /// The first triangle that the ray meets strictly between 0 and `far` times its direction.
     #[must_use]
     pub fn first_hit(&self, origin: &Vec3, direction: &Vec3, far: f64) -> Option<RayHit> {
