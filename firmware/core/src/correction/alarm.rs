@@ -91,9 +91,7 @@ fn write(
                 _ => "#3000=1",
             };
             write!(out, "%\nO{number:04}(UMI NO CORRECTION)\n({what_to_do})\n")?;
-            if let Some(run) = run.filter(|_| coding != Coding::Eia) {
-                run.lines(Compared::Taught, |line| writeln!(out, "{line}"))?;
-            }
+            compare(out, run.filter(|_| coding != Coding::Eia))?;
             write!(out, "{stop}(UMI {alarm})\nM30\n%\n")
         }
         Dialect::HaasVariables => {
@@ -137,13 +135,19 @@ fn write(
                 ProgramEnd::M30 => ("", ""),
             };
             write!(out, "{begin}(UMI NO CORRECTION)\n({what_to_do})\n")?;
-            if let Some(run) = run {
-                run.lines(Compared::Taught, |line| writeln!(out, "{line}"))?;
-            }
+            compare(out, run)?;
             write!(out, "(ABORT, UMI {alarm})\n{end}M2\n")
         }
         Dialect::Grbl => Ok(()),
     }
+}
+
+/// The lines that stop any other run than the one that taught.
+#[inline(never)]
+fn compare(out: &mut String<MAX_CORRECTION>, run: Option<RunCheck>) -> fmt::Result {
+    run.map_or(Ok(()), |run| {
+        run.lines(Compared::Taught, |line| writeln!(out, "{line}"))
+    })
 }
 
 #[cfg(test)]
