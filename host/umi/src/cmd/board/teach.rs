@@ -33,7 +33,8 @@ Examples:
 
 A job with `teach = \"asked\"` teaches nothing by itself. If the clamping is NG, nothing is
 taught: ask again. A checked line asks as well: `G65 P8811 T1.` (T2. replaces), for its own run
-alone. umi info and umi watch say what was asked for and has not happened yet, by whom and since
+alone. `umi teach` cannot name a run: text of an old one that comes late would teach, and a control
+that reads in another run then stops with UMI TAUGHT BY RUN: teach again. umi info and umi watch say what was asked for and has not happened yet, by whom and since
 when. A board that starts anew has not been asked.
 
 What a job holds against the taught clamping (`[guards.learned]`) is one sample of what probe and
