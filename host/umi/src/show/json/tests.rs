@@ -290,7 +290,7 @@ fn an_ok_verdict_carries_registration_and_correction() {
         residuals_mm: List::from_slice(&printed.residuals_mm).unwrap(),
         cov_unit_rotvec: printed.cov_unit_rotvec,
         cov_unit_t: printed.cov_unit_t,
-        expected_error_mm: None,
+        expected_error_mm: printed.expected_error_mm,
     });
     verdict_.correction = Some(CorrectionReport {
         dialect: Dialect::G10G68,
