@@ -98,7 +98,7 @@ pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
         console::progress(if arguments.quick {
             "takes about 5 min on two cores if nothing is compiled yet"
         } else {
-            "takes about 50 min on two cores if nothing is compiled yet"
+            "takes about 40 min on two cores if nothing is compiled yet"
         });
     }
     let steps = steps
