@@ -9,7 +9,7 @@ use crate::console::{self, Line, Outcome};
 use crate::tasks::background::Background;
 use crate::tasks::firmware::toolchain;
 use crate::tasks::set_up::{self, OF_TESTS};
-use crate::tasks::{deny, fuzz, unused};
+use crate::tasks::{bench, deny, fuzz, unused};
 use crate::tools::{browser, emulators, referee, spelling};
 use crate::workspace::{Workspace, execute, in_ci};
 
@@ -204,14 +204,18 @@ fn dependencies(run: &Run<'_>) -> Result<Outcome> {
 }
 
 fn lints(run: &Run<'_>) -> Result<Outcome> {
-    execute(run.workspace.cargo().args([
-        "clippy",
-        "--workspace",
-        "--all-targets",
-        "--",
-        "-D",
-        "warnings",
-    ]))?;
+    let bench = bench::manifest(run.workspace);
+    // What only `cargo xtask bench` builds must not rot.
+    for manifest in [run.workspace.root.join("Cargo.toml"), bench] {
+        execute(
+            run.workspace
+                .cargo()
+                .args(["clippy", "--workspace", "--all-targets", "--manifest-path"])
+                .arg(manifest)
+                .args(["--", "-D", "warnings"])
+                .env("CARGO_TARGET_DIR", &run.workspace.target),
+        )?;
+    }
     Ok(Outcome::Passed)
 }
 
