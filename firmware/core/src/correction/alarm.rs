@@ -28,8 +28,9 @@ use crate::dprnt::encode;
 /// stop. Therefore it ends with `M30` where that ends the callers too, and does not end where
 /// it may not.
 ///
-/// Where the board knows by which `run` the reference was taught, the control says so in any other: what
-/// came late taught it. Haas with `E` variables compares by O8830; Siemens and Heidenhain name the run.
+/// Where the board knows which `run` taught the reference, a control in another run raises an alarm that names
+/// it: late text of an older run may have taught. Haas with `E` variables compares by O8830; Siemens and
+/// Heidenhain name the run and compare nothing, and so does EIA, which has no `#`, without the name.
 ///
 /// None for GRBL: it keeps no programs, so no old correction waits in it, and it has no word
 /// that raises an alarm (`M0` goes on with the next start; sleep lets go of the axes). None
@@ -42,7 +43,7 @@ pub fn alarm(
     coding: Coding,
 ) -> Option<String<MAX_CORRECTION>> {
     let mut text = String::new();
-    // Two hundred characters: there is room.
+    // Three hundred characters: there is room.
     let run = run.filter(|_| *why == Withheld::OnlyTaught);
     let _ = write(&mut text, spec, why, run, coding);
     let can_be_sent = text.bytes().all(|byte| encode(coding, byte).is_some());

@@ -40,7 +40,7 @@ pub(crate) enum Compared {
     Correction,
     /// A part program that is carried.
     Program,
-    /// What a setup that was taught gets: no other is the reference.
+    /// The alarm that a control gets when the setup was taught: in another run it names the run that taught.
     Taught,
 }
 

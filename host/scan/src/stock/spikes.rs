@@ -66,3 +66,28 @@ pub(crate) fn median(values: &mut [f64]) -> f64 {
     let middle = values.len() / 2;
     *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two low points show a pit. If they are not inside the part, a needle of a triangle has misjudged them: both are left
+    /// out, and neither vouches for the other.
+    #[test]
+    fn two_low_points_are_a_pit_unless_they_lie_outside() {
+        let points: Vec<Vec3> = (0..400)
+            .map(|k| Vec3::new(f64::from(k % 20), f64::from(k / 20), 0.0))
+            .collect();
+        let low = [210, 211];
+        let measured: Vec<Measured> = (0..points.len())
+            .map(|k| Measured {
+                distance_mm: if low.contains(&k) { -0.5 } else { 1.0 },
+                direction: Vec3::z(),
+                face: 0,
+            })
+            .collect();
+        let spikes = |inside: bool| part(&points, &measured, |_| inside, Threads::new(1)).0;
+        assert_eq!(spikes(true), [0; 0]);
+        assert_eq!(spikes(false), low);
+    }
+}

@@ -51,8 +51,8 @@ least sum of squares over three or more pairs. Residuals are R p + t - q.
 Points belong together by their order; where both lists have a column `name`, the names must be the
 same. Lists that no motion carries into each other, as inches into mm, a mirror image, another order
 or points that are far off, are told (`suspect`), and nothing is corrected by them.
---json says into whose coordinates the motion leads (`to`): `umi correction` and `umi nc rewrite`
-reckon one into the machine's from the work offset's origin.
+--json says into whose coordinates the motion leads (`to`). For one into the machine's,
+`umi correction` and `umi nc rewrite` need the work offset's origin.
 
 Examples:
   umi register nominal.csv measured.csv
