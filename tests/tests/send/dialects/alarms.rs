@@ -85,6 +85,7 @@ fn another_run_has_not_taught() {
             continue;
         }
         // A run that is not known is compared with none; only O8830 can be given such a one.
+        let text = text.as_str();
         let unknown = text.replace("E158 25.", "E158 0.");
         let known = if unknown == text {
             "UMI TAUGHT BY "
@@ -92,9 +93,9 @@ fn another_run_has_not_taught() {
             "UMI TAUGHT - NO CORRECTION"
         };
         for (text, run, says) in [
-            (&text, 25, "UMI TAUGHT - NO CORRECTION"),
-            (&text, 26, "UMI TAUGHT BY "),
-            (&unknown, 26, known),
+            (text, 25, "UMI TAUGHT - NO CORRECTION"),
+            (text, 26, "UMI TAUGHT BY "),
+            (unknown.as_str(), 26, known),
         ] {
             let mut control = Control::new(ControlSettings::of(language(dialect)));
             let main = calling(&mut control, dialect, text);
