@@ -12,7 +12,7 @@ use clap::ValueEnum as _;
 use crate::tasks::firmware;
 use crate::tasks::firmware::toolchain::Toolchain;
 use crate::tasks::size;
-use crate::workspace::Workspace;
+use crate::workspace::{Workspace, find_program};
 
 /// The name of the task that runs them.
 pub const TASK: &str = "firmware-checks";
@@ -59,6 +59,12 @@ impl Background {
     /// Begins to build `umi` as its users do.
     pub fn release(workspace: &Workspace) -> Result<Self> {
         let mut command = workspace.cargo();
+        if find_program("nice").is_some() {
+            // It has time until the end: what runs meanwhile goes first.
+            let mut nice = workspace.command("nice");
+            nice.args(["-n", "19"]).arg(command.get_program());
+            command = nice;
+        }
         command.args(["build", "--release", "--package", "umi"]);
         let failure = "`umi` cannot be built for its users";
         Self::begin(workspace, &mut command, "release-build", failure)

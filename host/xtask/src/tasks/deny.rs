@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, ensure};
 
-use crate::tasks::{bench, firmware, fuzz};
+use crate::tasks::{bench, firmware};
 use crate::tools::emulators;
 use crate::workspace::{Workspace, execute, find_program, output};
 
@@ -50,7 +50,6 @@ pub fn check(workspace: &Workspace) -> Result<()> {
     let manifests = [
         workspace.root.join("Cargo.toml"),
         bench::manifest(workspace),
-        fuzz::manifest(workspace),
         firmware::manifest(workspace),
     ];
     for manifest in manifests {

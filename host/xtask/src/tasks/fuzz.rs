@@ -38,29 +38,19 @@ pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
     if let Some(reason) = missing() {
         anyhow::bail!("{reason}");
     }
-    match &arguments.target {
-        None => run_all(workspace, arguments.seconds),
-        Some(target) => {
-            let targets = targets(workspace)?;
-            ensure!(
-                targets.contains(target),
-                "no fuzz target `{target}`; there are: {}",
-                targets.join(", ")
-            );
-            let programs = build(workspace, &["--bin", target])?;
-            run_one(workspace, &programs, target, arguments.seconds)
-        }
+    let mut targets = targets(workspace)?;
+    if let Some(target) = &arguments.target {
+        ensure!(
+            targets.contains(target),
+            "no fuzz target `{target}`; there are: {}",
+            targets.join(", ")
+        );
+        targets.retain(|name| name == target);
     }
-}
-
-/// Fuzzes each target for this long.
-pub fn run_all(workspace: &Workspace, seconds: u32) -> Result<()> {
-    let targets = targets(workspace)?;
-    ensure!(!targets.is_empty(), "tests/fuzz has no targets");
-    let programs = build(workspace, &["--bins"])?;
+    let program = build(workspace)?;
     targets
         .iter()
-        .try_for_each(|target| run_one(workspace, &programs, target, seconds))
+        .try_for_each(|target| run_one(workspace, &program, target, arguments.seconds))
 }
 
 /// Why fuzzing is impossible on this machine, with what to do, or nothing.
@@ -70,24 +60,14 @@ pub fn missing() -> Option<String> {
         .then(|| format!("no {COMPILER}: cargo xtask set-up"))
 }
 
-/// The fuzz targets' workspace.
-pub fn manifest(workspace: &Workspace) -> PathBuf {
-    folder(workspace).join("Cargo.toml")
-}
-
-/// The names of the targets, in order.
+/// The names of the targets, in order: each has a corpus.
 fn targets(workspace: &Workspace) -> Result<Vec<String>> {
-    let folder = folder(workspace).join("fuzz_targets");
+    let folder = folder(workspace).join("corpus");
     let entries = std::fs::read_dir(&folder)
         .with_context(|| format!("cannot list the fuzz targets in {}", folder.display()))?;
     let mut names = Vec::new();
     for entry in entries {
-        let path = entry?.path();
-        if path.extension().is_some_and(|end| end == "rs")
-            && let Some(name) = path.file_stem()
-        {
-            names.push(name.to_string_lossy().into_owned());
-        }
+        names.push(entry?.file_name().to_string_lossy().into_owned());
     }
     names.sort();
     Ok(names)
@@ -97,28 +77,24 @@ fn folder(workspace: &Workspace) -> PathBuf {
     workspace.root.join("tests").join("fuzz")
 }
 
-/// Builds targets; returns the folder that they are in.
-fn build(workspace: &Workspace, which: &[&str]) -> Result<PathBuf> {
+/// Builds the targets; returns the program that they are in.
+fn build(workspace: &Workspace) -> Result<PathBuf> {
     let about = output(workspace.command("rustc").arg("-vV"))?;
     let host = about.lines().find_map(|line| line.strip_prefix("host: "));
     let host = host.context("rustc does not name its host")?;
-    let target = workspace.target.join("fuzz");
     execute(
         workspace
             .cargo()
-            .args(["build", "--release"])
-            .args(which)
-            .arg("--manifest-path")
-            .arg(manifest(workspace))
+            .args(["build", "--profile", "fuzz", "--package", "umi-fuzz"])
+            .args(["--features", "coverage"])
             // Named, so that build scripts and macros are built without the flags.
             .args(["--target", host])
-            .env("CARGO_TARGET_DIR", &target)
             .env("RUSTFLAGS", FLAGS),
     )?;
-    Ok(target.join(host).join("release"))
+    Ok(workspace.target.join(host).join("fuzz").join("umi-fuzz"))
 }
 
-fn run_one(workspace: &Workspace, programs: &Path, target: &str, seconds: u32) -> Result<()> {
+fn run_one(workspace: &Workspace, program: &Path, target: &str, seconds: u32) -> Result<()> {
     console::progress(&format!("{target}: {seconds} s"));
     let found = workspace.target.join("fuzz-corpus").join(target);
     let artifacts = folder(workspace).join("artifacts").join(target);
@@ -129,7 +105,8 @@ fn run_one(workspace: &Workspace, programs: &Path, target: &str, seconds: u32) -
     let mut worth = Worth::default();
     execute_filtered(
         workspace
-            .command(programs.join(target))
+            .command(program)
+            .env("UMI_FUZZ_TARGET", target)
             .arg(found)
             .arg(kept)
             .arg(format!("-artifact_prefix={}/", artifacts.display()))

@@ -49,19 +49,21 @@ pub(crate) enum Need {
 }
 
 /// What the tests need.
-pub const OF_TESTS: [Need; 7] = [
+pub const OF_TESTS: [Need; 6] = [
     Need::Firmware,
     Need::Emulators,
     Need::Dependencies,
     Need::Spelling,
-    Need::Fuzzing,
     Need::Referee,
     Need::Browser,
 ];
 
 /// Meets every need.
 pub fn run(workspace: &Workspace, _: &Arguments) -> Result<()> {
-    let needs: Vec<Need> = OF_TESTS.into_iter().chain([Need::Counting]).collect();
+    let needs: Vec<Need> = OF_TESTS
+        .into_iter()
+        .chain([Need::Fuzzing, Need::Counting])
+        .collect();
     announce(workspace, &needs);
     meet(workspace, &needs);
     Ok(())

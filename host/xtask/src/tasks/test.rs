@@ -9,7 +9,7 @@ use crate::console::{self, Line, Outcome};
 use crate::tasks::background::Background;
 use crate::tasks::firmware::toolchain;
 use crate::tasks::set_up::{self, OF_TESTS};
-use crate::tasks::{bench, deny, fuzz, unused};
+use crate::tasks::{bench, deny, unused};
 use crate::tools::{browser, emulators, referee, spelling};
 use crate::workspace::{Workspace, execute, in_ci};
 
@@ -29,9 +29,6 @@ pub(crate) struct Arguments {
     /// Runs these steps only; the table names no others.
     #[arg(long, value_name = "STEP", conflicts_with = "quick")]
     only: Vec<String>,
-    /// How long each fuzz target runs.
-    #[arg(long, value_name = "N", default_value_t = 5)]
-    fuzz_seconds: u32,
 }
 
 /// What the checks share.
@@ -50,7 +47,7 @@ struct Run<'a> {
 type Action = fn(&Run<'_>) -> Result<Outcome>;
 
 /// The steps in order, each with whether `--quick` runs it too.
-const STEPS: [(&str, bool, Action); 11] = [
+const STEPS: [(&str, bool, Action); 10] = [
     ("format", true, format),
     ("set-up", false, set_up),
     ("dependencies", false, dependencies),
@@ -59,7 +56,6 @@ const STEPS: [(&str, bool, Action); 11] = [
     ("documentation", false, documentation),
     ("firmware", false, firmware),
     ("tests", true, tests),
-    ("fuzzing", false, fuzzing),
     ("second compiler", false, second_compiler),
     ("demo", false, demo),
 ];
@@ -155,10 +151,9 @@ fn passed_without(missing: &[String]) -> Outcome {
 }
 
 fn format(run: &Run<'_>) -> Result<Outcome> {
-    // Fuzz targets, benchmarks and boards are workspaces of their own.
+    // Benchmarks and boards are workspaces of their own.
     for workspace in [
         "Cargo.toml",
-        "tests/fuzz/Cargo.toml",
         "tests/bench/Cargo.toml",
         "firmware/boards/Cargo.toml",
     ] {
@@ -302,12 +297,16 @@ fn tests(run: &Run<'_>) -> Result<Outcome> {
             missing.push(why.to_owned());
         }
     }
+    // Whatever processor the tests leave idle builds what the demo runs.
+    if !run.arguments.quick && run.arguments.only.is_empty() {
+        *run.release.borrow_mut() = Some(Background::release(run.workspace)?);
+    }
     execute(&mut command)?;
     if !referee::is_there(run.workspace) {
         missing.push("LinuxCNC's interpreter has judged nothing".to_owned());
     }
     if !run.arguments.quick {
-        // Linking the images again takes one processor; fuzzing leaves some of the other.
+        // Linking the images again takes one processor; the demo's build leaves some of the other.
         let second = toolchain::second(run.workspace);
         if let Some(toolchain) = second {
             let background = Background::firmware(run.workspace, Some(toolchain))?;
@@ -315,18 +314,6 @@ fn tests(run: &Run<'_>) -> Result<Outcome> {
         }
     }
     Ok(passed_without(&missing))
-}
-
-fn fuzzing(run: &Run<'_>) -> Result<Outcome> {
-    if let Some(reason) = fuzz::missing() {
-        return Ok(Outcome::Skipped(reason));
-    }
-    // A fuzz target keeps one processor busy: meanwhile the other builds what the demo runs.
-    if run.arguments.only.is_empty() {
-        *run.release.borrow_mut() = Some(Background::release(run.workspace)?);
-    }
-    fuzz::run_all(run.workspace, run.arguments.fuzz_seconds)?;
-    Ok(Outcome::Passed)
 }
 
 /// The images as the other compiler builds them. Nobody must have two.

@@ -11,7 +11,7 @@ use std::path::Path;
 
 use anyhow::{Context as _, Result, ensure};
 
-use crate::tasks::{bench, firmware, fuzz};
+use crate::tasks::{bench, firmware};
 use crate::workspace::Workspace;
 
 /// Holds that every package of ours uses what it depends on.
@@ -19,7 +19,6 @@ pub fn check(workspace: &Workspace) -> Result<()> {
     let manifests = [
         workspace.root.join("Cargo.toml"),
         bench::manifest(workspace),
-        fuzz::manifest(workspace),
         firmware::manifest(workspace),
     ];
     let mut unused = Vec::new();

@@ -9,27 +9,26 @@
 //!
 //! Frames and gate are the board's own; between them stands what the application does with the two
 //! (`firmware/app/src/host/link.rs`).
-#![no_main]
 
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use crate::board::{Memory, signer};
 use crc::{CRC_32_ISO_HDLC, Crc};
 use ed25519_dalek::SigningKey;
-use libfuzzer_sys::fuzz_target;
 use umi_app::access::{Caller, Keeper, Work};
 use umi_core::trust::access::permit::permit;
 use umi_core::trust::access::session::{HostHandshake, HostSession, SignatureParts};
 use umi_core::trust::board_key::{NoEntropy, key_id};
 use umi_core::units::Micros;
-use umi_fuzz::{Memory, signer};
 use umi_protocol::access::{AccessMode, KeyInfo, KeyName, Role, SessionChallenge};
 use umi_protocol::decoder::Decoder;
 use umi_protocol::frame::{Authenticated, CODE, MAX_HOST_FRAME, encode, encode_sealed};
 use umi_protocol::immediate::SessionRequest;
 use umi_protocol::message::Request;
 
-fuzz_target!(|data: &[u8]| {
+/// One input.
+pub fn one(data: &[u8]) {
     let mut scene = Scene::new();
     let mut rest = data;
     for _ in 0..STEPS {
@@ -41,7 +40,7 @@ fuzz_target!(|data: &[u8]| {
     }
     scene.owner_does(2);
     scene.holds();
-});
+}
 
 /// Of one input: a session costs a millisecond.
 const STEPS: usize = 24;

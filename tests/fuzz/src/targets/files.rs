@@ -1,14 +1,13 @@
 //! Files that people and other programs give to `umi`: jobs, configurations, heads, keys and images.
 //! The first byte says which; those behind it are the file. No panic; and what is read is written
 //! and read again the same.
-#![no_main]
 
-use libfuzzer_sys::fuzz_target;
 use umi_client::files::{config_file, head_file, image_file, job_file, key_file};
 use umi_core::job::check;
 use umi_protocol::job::Job;
 
-fuzz_target!(|data: &[u8]| {
+/// One input.
+pub fn one(data: &[u8]) {
     let Some((kind, file)) = data.split_first() else {
         return;
     };
@@ -63,4 +62,4 @@ fuzz_target!(|data: &[u8]| {
             }
         }
     }
-});
+}

@@ -10,13 +10,11 @@
 //! * blocks begin and end in turn, and a complete one has all its points.
 //!
 //! The corpus holds the captures of the receiver's tests.
-#![no_main]
 
 use std::fmt::Write as _;
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::sync::LazyLock;
 
-use libfuzzer_sys::fuzz_target;
 use umi_core::dprnt::{
     BlockEnd, Counters, Item, LineSplitter, LineStatus, ReportedHit, check_config,
 };
@@ -221,7 +219,8 @@ fn run(job: &ReceiverConfig, control: u8, stream: &[u8], one_by_one: bool) -> u6
     witness.close(receiver.counters(), stream.len())
 }
 
-fuzz_target!(|input: &[u8]| {
+/// One input.
+pub fn one(input: &[u8]) {
     let [choice, control, stream @ ..] = input else {
         return;
     };
@@ -233,4 +232,4 @@ fuzz_target!(|input: &[u8]| {
     // either: times are not part of the hash.
     let control = if control & 0x60 == 0 { 0 } else { *control };
     assert_eq!(pieces, run(job, control, stream, true));
-});
+}

@@ -4,11 +4,9 @@
 //! * no panic, and no memory on a header's word (the fuzzer's own limit);
 //! * a point that is handed out has numbers, or the reader has counted it as none;
 //! * a capture gives the same profiles, and the same error, in whatever pieces it comes.
-#![no_main]
 
 use std::io::{BufReader, Cursor, Read};
 
-use libfuzzer_sys::fuzz_target;
 use umi_kinematics::AxisChain;
 use umi_scan::format::clouds::cloud_from_bytes;
 use umi_scan::format::poses;
@@ -41,7 +39,8 @@ fn profiles(capture: impl Read) -> (Vec<String>, Option<String>) {
     (found, end.err().map(|error| error.to_string()))
 }
 
-fuzz_target!(|data: &[u8]| {
+/// One input.
+pub fn one(data: &[u8]) {
     let Some((kind, file)) = data.split_first() else {
         return;
     };
@@ -80,4 +79,4 @@ fuzz_target!(|data: &[u8]| {
             }
         }
     }
-});
+}

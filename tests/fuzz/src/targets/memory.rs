@@ -7,13 +7,12 @@
 //! * one byte that was changed never opens a board that has an owner;
 //! * no image runs but the one that the maker has signed;
 //! * an entry or a program that is read is as its check value says.
-#![no_main]
 
 use std::sync::OnceLock;
 
+use crate::board::{Memory, signer};
 use crc::{CRC_32_ISO_HDLC, Crc};
 use ed25519_dalek::SigningKey;
-use libfuzzer_sys::fuzz_target;
 use umi_app::access::{Caller, Jumper, Keeper};
 use umi_client::files::image_file;
 use umi_core::journal::{Journal, MAX_PAYLOAD};
@@ -22,14 +21,14 @@ use umi_core::trust::access::update::image::ImageHeader;
 use umi_core::trust::access::update::slots::{ImageKind, Maker, Slots};
 use umi_core::trust::board_key::{BoardKey, NoEntropy};
 use umi_core::units::Micros;
-use umi_fuzz::{Memory, signer};
 use umi_protocol::access::{AccessMode, KeyInfo, KeyName, Role};
 use umi_protocol::job::name;
 use umi_protocol::message::Request;
 use umi_protocol::program::{ProgramInfo, Release, Stated};
 use umi_protocol::update::{IMAGE_HEADER, ImagePlace};
 
-fuzz_target!(|data: &[u8]| {
+/// One input.
+pub fn one(data: &[u8]) {
     let Some((view, data)) = data.split_first() else {
         return;
     };
@@ -42,7 +41,7 @@ fuzz_target!(|data: &[u8]| {
         5 => journal(data),
         _ => programs(data),
     }
-});
+}
 
 const SECTOR: u32 = 4096;
 const SECTORS: u16 = 4;

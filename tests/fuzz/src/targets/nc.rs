@@ -3,16 +3,15 @@
 //!
 //! No panic, and an end within the limits; what goes to the axes is finite; the checker
 //! reads the same text without a panic, and an alarm names a line of the text.
-#![no_main]
 
-use libfuzzer_sys::fuzz_target;
 use umi_core::units::Point;
 use umi_virtual::nc::{
     AxisDrives, AxisMotion, Control, ControlFamily, ControlSettings, DecimalPoint, ExecutionLimits,
     LineEnd, MotionPath, ProgramState, Skip, Trip, check,
 };
 
-fuzz_target!(|data: &[u8]| {
+/// One input.
+pub fn one(data: &[u8]) {
     let [mode, answers, text @ ..] = data else {
         return;
     };
@@ -46,7 +45,7 @@ fuzz_target!(|data: &[u8]| {
         }
         assert!(control.variable(0).is_none() || *mode % 5 >= 3);
     }
-});
+}
 
 fn settings(mode: u8) -> ControlSettings {
     let dialect = match mode % 5 {

@@ -6,23 +6,22 @@
 //!   comes out as it went in; opened as a message it is refused, or written anew it
 //!   stays the same and within its computed length;
 //! * any bytes as garbage around frames of ours: all of these come out, in their order.
-#![no_main]
 
 use crc::{CRC_32_ISO_HDLC, Crc};
-use libfuzzer_sys::fuzz_target;
 use umi_protocol::decoder::{Decoder, FrameCounters};
 use umi_protocol::frame::{Kind, MAX_BOARD_FRAME, Message, encode, frame_len};
 use umi_protocol::hello::{Hello, KEY};
 use umi_protocol::message::{Event, Request, Response};
 
-fuzz_target!(|data: &[u8]| {
+/// One input.
+pub fn one(data: &[u8]) {
     match data.split_first() {
         Some((view, data)) if view % 3 == 0 => as_stream(data),
         Some((view, data)) if view % 3 == 1 => as_payload(data),
         Some((_, data)) => as_garbage(data),
         None => {}
     }
-});
+}
 
 /// Small, so that overflows are common.
 const SMALL: usize = 48;

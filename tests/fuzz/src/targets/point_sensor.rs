@@ -5,11 +5,9 @@
 //! * a place that says OK has a point of numbers, captures, and none of them lost; no other has a point;
 //! * no more readings are paired than there were captures;
 //! * a calibration has numbers, and a unit vector on the side that was asked for.
-#![no_main]
 
 use std::io::Cursor;
 
-use libfuzzer_sys::fuzz_target;
 use nalgebra::Vector3;
 use umi_core::point::PointSensor;
 use umi_core::point::station::{
@@ -21,7 +19,8 @@ use umi_scan::format::table::TableReader;
 use umi_scan::point_sensor::calibration::{self, CalibrationQuestion};
 use umi_scan::point_sensor::{cloud, readings, spheres};
 
-fuzz_target!(|data: &[u8]| {
+/// One input.
+pub fn one(data: &[u8]) {
     let Some((kind, rest)) = data.split_first() else {
         return;
     };
@@ -30,7 +29,7 @@ fuzz_target!(|data: &[u8]| {
         1 => calibrated(rest),
         _ => drop(calibration::parse(rest)),
     }
-});
+}
 
 /// A station between a sensor and a control, both of which say anything: each step is a byte that says what comes
 /// and one that says how much of it.

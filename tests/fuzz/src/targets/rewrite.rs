@@ -5,14 +5,12 @@
 //! text; the identity changes no byte. And of a text that the virtual machine carries out and
 //! that the rewriter does not refuse, each motion is the image of the nominal one: the judge
 //! is the one of `tests/tests/send/rewrite`, where programs that make sense come from a grammar.
-#![no_main]
 
 #[allow(dead_code, reason = "the tests use more of it")]
-#[path = "../../tests/send/rewrite/follow.rs"]
+#[path = "../../../tests/send/rewrite/follow.rs"]
 mod follow;
 
 use follow::{Judge, V, interpreted};
-use libfuzzer_sys::fuzz_target;
 use nalgebra::{Rotation3, Vector3};
 use umi_core::registration::RigidTransform;
 use umi_core::rewrite::{
@@ -26,7 +24,8 @@ const START: &str = "G21 G90 G17 G94 G98 G0 X0. Y0. Z20.\nG1 F100.\n";
 /// its way.
 const MOST_ADDED: u64 = 300;
 
-fuzz_target!(|data: &[u8]| {
+/// One input.
+pub fn one(data: &[u8]) {
     let [a, b, c, how, text @ ..] = data else {
         return;
     };
@@ -69,7 +68,7 @@ fuzz_target!(|data: &[u8]| {
     {
         compare(&settings, text, how & 4 == 0);
     }
-});
+}
 
 /// What a program becomes, and what was done to it.
 fn run(

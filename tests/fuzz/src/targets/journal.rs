@@ -6,12 +6,10 @@
 //! * an honest, signed file with a change, made right again but for what takes the board's key: with
 //!   the key that the reader has fetched, it is refused, or it is the honest file, or this cut off
 //!   behind a head.
-#![no_main]
 
 use std::sync::OnceLock;
 
 use ed25519_dalek::{Signer as _, SigningKey};
-use libfuzzer_sys::fuzz_target;
 use umi_client::journal::verify::verify;
 use umi_client::journal::{self, FileItem};
 use umi_client::problem::Problem;
@@ -21,14 +19,15 @@ use umi_protocol::head::Head;
 use umi_protocol::job::name;
 use umi_protocol::message::{MAX_RECORD, Record};
 
-fuzz_target!(|data: &[u8]| {
+/// One input.
+pub fn one(data: &[u8]) {
     match data.split_first() {
         Some((view, data)) if view % 3 == 0 => as_file(data),
         Some((view, data)) if view % 3 == 1 => as_file(&forged(data)),
         Some((_, data)) => as_change(data),
         None => {}
     }
-});
+}
 
 /// Kind number of a head.
 const HEAD: u8 = 24;
@@ -182,7 +181,9 @@ fn as_change(data: &[u8]) {
             3 => {
                 let payload = &mut pieces[place].1;
                 let bit = usize::from(change[2]) % (payload.len().max(1) * 8);
-                payload.get_mut(bit / 8).map(|byte| *byte ^= 1 << (bit % 8));
+                if let Some(byte) = payload.get_mut(bit / 8) {
+                    *byte ^= 1 << (bit % 8);
+                }
             }
             4 => pieces.insert(place, (change[2], change.to_vec())),
             5 => pieces[place] = (u8::MAX, vec![change[2] % 4]),
