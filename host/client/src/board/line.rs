@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use umi_core::dprnt::{Coding, encode};
 use umi_protocol::message::{Event, LineRefusal, Record};
-use umi_protocol::serial::{LineFamily, LineSettings};
+use umi_protocol::serial::{ALIGNING_CHARACTERS, Cts, LineFamily, LineSettings};
 
 use crate::board::link::{Client, LinkError};
 
@@ -114,6 +114,12 @@ fn is_line_end(coding: Coding, byte: u8) -> bool {
     ends.iter().any(|end| encode(coding, *end) == Some(byte))
 }
 
+/// How long what comes is not listened to: what was on its way at the other speed, and what is not aligned yet.
+fn settling(line: LineSettings) -> Duration {
+    let aligned = Duration::from_micros(ALIGNING_CHARACTERS * line.character_us());
+    aligned.max(Duration::from_millis(300))
+}
+
 /// Listens at one speed until enough has come to judge, or for so long.
 ///
 /// # Errors
@@ -127,8 +133,7 @@ pub fn listen(
     if let Err(refusal) = board.listen(Some(line))? {
         return Ok(Err(refusal));
     }
-    // What was on its way at the other speed.
-    let settled = Instant::now() + Duration::from_millis(300);
+    let settled = Instant::now() + settling(line);
     while board
         .next_event(settled.saturating_duration_since(Instant::now()))?
         .is_some()
@@ -155,23 +160,30 @@ pub fn listen(
     Ok(Ok(came))
 }
 
-/// The `[line]` of a job for what was found: the family whose defaults it is, or the numbers.
+/// The `[line]` of a job for what was found, with the families that mean the same. A board whose CTS nobody drives
+/// would wait for ever, so it is not followed unless somebody says that it is wired.
 #[must_use]
 pub fn in_a_job(baud: u32, coding: Coding) -> String {
     let data_bits = match coding {
         Coding::IsoEven | Coding::AsciiOdd => 7,
         _ => 8,
     };
-    let like = |family: &LineFamily| {
-        let defaults = family.defaults();
-        defaults.baud == baud && defaults.data_bits == data_bits
+    let alike = LineFamily::ALL.iter().filter(|family| {
+        let of = family.defaults();
+        of.baud == baud && of.data_bits == data_bits && of.cts == Cts::Ignored
+    });
+    let alike: Vec<_> = alike
+        .map(|family| format!("control = \"{}\"", family.name()))
+        .collect();
+    let or = match alike.is_empty() {
+        true => String::new(),
+        false => format!("   # the same: {}", alike.join(", or ")),
     };
-    match LineFamily::ALL.iter().find(|family| like(family)) {
-        Some(LineFamily::Any) => "no [line] is needed: this is how the board begins".into(),
-        _ => format!(
-            "[line]\nbaud = {baud}\ndata_bits = {data_bits}\nstop_bits = 2   # what the board sends: a control takes 2 always"
-        ),
-    }
+    format!(
+        "[line]{or}\nbaud = {baud}\ndata_bits = {data_bits}\n\
+         stop_bits = 2     # what the board sends: a control takes 2 always\n\
+         rts_cts = false   # true if the control's RTS and CTS are wired to the board"
+    )
 }
 
 #[cfg(test)]

@@ -24,12 +24,22 @@ pub(crate) fn heard(bytes: &[u8], sent: &LineSettings, set: &LineSettings) -> Ve
         // A second stop bit is rest to who wants one only.
         return bytes.iter().copied().map(Heard::Byte).collect();
     }
+    hears(&levels(bytes, sent.stop_bits), sent, set)
+}
+
+/// The levels of characters without a gap, one for each bit.
+fn levels(bytes: &[u8], stop_bits: u8) -> Vec<bool> {
     let mut levels = Vec::with_capacity(bytes.len() * 11);
     for byte in bytes {
         levels.push(false);
         levels.extend((0..8).map(|bit| byte >> bit & 1 == 1));
-        levels.extend((0..sent.stop_bits).map(|_| true));
+        levels.extend((0..stop_bits).map(|_| true));
     }
+    levels
+}
+
+/// What a port set like `set` hears of levels that one set like `sent` sends.
+fn hears(levels: &[bool], sent: &LineSettings, set: &LineSettings) -> Vec<Heard> {
     // Time in ticks that divide both bits.
     let (sent_ticks, set_ticks) = (u64::from(set.baud), u64::from(sent.baud));
     let at = |tick: u64| {
@@ -39,7 +49,7 @@ pub(crate) fn heard(bytes: &[u8], sent: &LineSettings, set: &LineSettings) -> Ve
     let mut heard = Vec::new();
     // The line rested before the first.
     let mut bit = None;
-    while let Some(start) = fall(&levels, bit) {
+    while let Some(start) = fall(levels, bit) {
         let begin = start as u64 * sent_ticks;
         let middle = |nth: u64| begin + nth * set_ticks + set_ticks / 2;
         // A start bit that is gone at its middle was none.
@@ -72,6 +82,9 @@ fn fall(levels: &[bool], behind: Option<usize>) -> Option<usize> {
 
 #[cfg(test)]
 mod tests {
+    use umi_core::dprnt::{Coding, encode};
+    use umi_protocol::serial::ALIGNING_CHARACTERS;
+
     use super::*;
 
     fn at(baud: u32, stop_bits: u8) -> LineSettings {
@@ -104,6 +117,35 @@ mod tests {
         ] {
             assert_eq!(bytes(&heard(TEXT, &sent, &set)), TEXT, "{sent:?} {set:?}");
         }
+    }
+
+    /// A port that is opened in the midst of a text without a gap hears it right from some character on, which is never
+    /// further than `umi line find` lets pass.
+    #[test]
+    fn a_port_that_opens_in_the_midst_finds_the_characters() {
+        let mut longest = 0;
+        for (stop_bits, coding) in [
+            (1, Coding::Ascii),
+            (2, Coding::Ascii),
+            (1, Coding::IsoEven),
+            (2, Coding::IsoEven),
+            (2, Coding::Eia),
+        ] {
+            let line: Vec<u8> = TEXT.iter().filter_map(|b| encode(coding, *b)).collect();
+            let text = line.repeat(8);
+            let sent = levels(&text, stop_bits);
+            let of = at(9600, stop_bits);
+            for skipped in 0..line.len() * (9 + usize::from(stop_bits)) {
+                let heard = hears(&sent[skipped..], &of, &of);
+                let right = heard.iter().rev().zip(text.iter().rev());
+                let right = right.take_while(|(heard, byte)| **heard == Heard::Byte(**byte));
+                longest = longest.max(heard.len() - right.count());
+            }
+        }
+        assert!(
+            (20..ALIGNING_CHARACTERS as usize).contains(&longest),
+            "{longest}"
+        );
     }
 
     /// At any other usual speed nothing of the text comes through, in either direction.

@@ -74,6 +74,14 @@ fn the_speed_of_a_control_is_found() {
     let text = find(9600, Some(Coding::IsoEven), &["--baud", "9600"]).exits(0);
     assert!(text.out.contains("fits 9600 baud"), "{}", text.out);
     assert!(text.out.contains("data_bits = 7"), "{}", text.out);
+    // What is printed is a job's, and holds no board up that has no CTS.
+    let block = text.out.split_once("In the job:\n").unwrap().1;
+    assert!(
+        block.contains("[line]   # the same: control = \"mitsubishi\", or control = \"mazak\"")
+    );
+    let block: toml::Table = toml::from_str(block).unwrap();
+    let line: umi_protocol::serial::LineSpec = block["line"].clone().try_into().unwrap();
+    assert_eq!((line.baud, line.rts_cts), (Some(9600), Some(false)));
 }
 
 /// What does not fit is said, and what does not come.
