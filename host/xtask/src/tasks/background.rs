@@ -1,4 +1,4 @@
-//! Commands in the background: the firmware's checks, and the build that the demo needs.
+//! The firmware's checks in the background.
 //!
 //! Each runs as a child process. Its output is buffered, so it never mixes with ours.
 
@@ -12,7 +12,7 @@ use clap::ValueEnum as _;
 use crate::tasks::firmware;
 use crate::tasks::firmware::toolchain::Toolchain;
 use crate::tasks::size;
-use crate::workspace::{Workspace, find_program};
+use crate::workspace::Workspace;
 
 /// The name of the task that runs them.
 pub const TASK: &str = "firmware-checks";
@@ -54,20 +54,6 @@ impl Background {
         }
         let failure = "the firmware does not hold what it promises";
         Self::begin(workspace, &mut command, TASK, failure)
-    }
-
-    /// Begins to build `umi` as its users do.
-    pub fn release(workspace: &Workspace) -> Result<Self> {
-        let mut command = workspace.cargo();
-        if find_program("nice").is_some() {
-            // It has time until the end: what runs meanwhile goes first.
-            let mut nice = workspace.command("nice");
-            nice.args(["-n", "19"]).arg(command.get_program());
-            command = nice;
-        }
-        command.args(["build", "--release", "--package", "umi"]);
-        let failure = "`umi` cannot be built for its users";
-        Self::begin(workspace, &mut command, "release-build", failure)
     }
 
     fn begin(

@@ -39,8 +39,6 @@ struct Run<'a> {
     firmware: RefCell<Option<Background>>,
     /// The same with the second compiler.
     second: RefCell<Option<Background>>,
-    /// The build that the demo runs.
-    release: RefCell<Option<Background>>,
 }
 
 /// A check: `Err` if something does not hold.
@@ -67,7 +65,6 @@ pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
         arguments,
         firmware: RefCell::new(None),
         second: RefCell::new(None),
-        release: RefCell::new(None),
     };
     for name in &arguments.only {
         let names = STEPS.map(|(name, _, _)| name);
@@ -250,9 +247,9 @@ fn firmware(run: &Run<'_>) -> Result<Outcome> {
 
 fn tests(run: &Run<'_>) -> Result<Outcome> {
     let mut missing = Vec::new();
-    // All failures in one run: CI is slow to ask again.
+    // All failures in one run: CI is slow to ask again. For release, as users build it: the demo needs no other build.
     let mut command = run.workspace.cargo();
-    command.args(["test", "--workspace", "--no-fail-fast"]);
+    command.args(["test", "--release", "--workspace", "--no-fail-fast"]);
     if std::env::var_os("RUST_TEST_THREADS").is_none() {
         // Many tests wait for a board or a tool rather than compute.
         let processors = std::thread::available_parallelism().map_or(1, |count| count.get());
@@ -297,16 +294,11 @@ fn tests(run: &Run<'_>) -> Result<Outcome> {
             missing.push(why.to_owned());
         }
     }
-    // Whatever processor the tests leave idle builds what the demo runs.
-    if !run.arguments.quick && run.arguments.only.is_empty() {
-        *run.release.borrow_mut() = Some(Background::release(run.workspace)?);
-    }
     execute(&mut command)?;
     if !referee::is_there(run.workspace) {
         missing.push("LinuxCNC's interpreter has judged nothing".to_owned());
     }
     if !run.arguments.quick {
-        // Linking the images again takes one processor; the demo's build leaves some of the other.
         let second = toolchain::second(run.workspace);
         if let Some(toolchain) = second {
             let background = Background::firmware(run.workspace, Some(toolchain))?;
@@ -337,9 +329,6 @@ fn second_compiler(run: &Run<'_>) -> Result<Outcome> {
 /// The first command of the README.
 fn demo(run: &Run<'_>) -> Result<Outcome> {
     let workspace = run.workspace;
-    if let Some(build) = run.release.take() {
-        build.end()?;
-    }
     let out = workspace.target.join("xtask").join("demo");
     if out.exists() {
         std::fs::remove_dir_all(&out)?;
