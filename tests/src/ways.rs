@@ -510,16 +510,16 @@ fn carried_out(program: &str, run: u32) -> String {
     }
 }
 
-/// The session on a board: a page of what was done, judged, and read.
+/// The session on a board, each so manyth way of it: a page of what was done, judged, and read.
 ///
 /// # Panics
 /// As a test does.
 #[must_use]
-pub fn page(rig: &mut dyn Rig) -> String {
+pub fn page(rig: &mut dyn Rig, every: usize) -> String {
     let mut client = connect(rig);
     let mut page = String::new();
     let (mut verdicts, mut bytes) = (0, 0);
-    for (number, (name, steps)) in (1..).zip(ways()) {
+    for (number, (name, steps)) in (1..).zip(ways()).step_by(every) {
         let _ = writeln!(page, "\n{number}. {name}\n");
         for step in steps {
             if let Step::Stops(_, message) = &step {

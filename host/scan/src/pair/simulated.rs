@@ -190,7 +190,7 @@ fn random_scans_are_paired_rightly_or_refused() {
     let scans = std::env::var("UMI_SCANS")
         .ok()
         .and_then(|n| n.parse().ok())
-        .unwrap_or(1500);
+        .unwrap_or(700);
     let mut random = Random(0x5CA7);
     let mut all = BTreeMap::<_, u32>::new();
     let mut refused = BTreeMap::<_, u32>::new();

@@ -1,14 +1,14 @@
 //! The reference fits on the Pico's arithmetic: on the RP2040 that is the compiler's
 //! software.
 //!
-//! Prints every number of every fit bit for bit at the control's port, 921600 baud, then how many readings
-//! of a point sensor were paired with their captures, and in how many microseconds of the chip's clock. It says
-//! when that was all:
+//! Prints at the control's port, 921600 baud, how many readings of a point sensor were paired with their
+//! captures, and in how many microseconds of the chip's clock; then every number of every fit bit for bit, in
+//! parts, and where one ends:
 //!
 //! ```text
-//! fit sphere_five_1um radius 402966660b0a3c27
 //! readings 400 41200
-//! end
+//! fit sphere_five_1um radius 402966660b0a3c27
+//! part 0
 //! ```
 #![no_std]
 #![no_main]
@@ -25,6 +25,7 @@ use core::panic::PanicInfo;
 use embassy_rp::interrupt::Priority;
 use embassy_rp::peripherals::{PIN_0, UART0};
 use embassy_rp::uart::{Blocking, Config, UartTx};
+use umi_figures::fits;
 use umi_figures::readings::{CAPTURES, Capturing};
 
 const BAUD: u32 = 921_600;
@@ -35,15 +36,18 @@ fn main() -> ! {
     alarms::start(Priority::P1);
     let mut line = Line {
         port: UartTx::new_blocking(chip.UART0, chip.PIN_0, config()),
-        is_new: true,
+        is_new: false,
     };
-    // The port takes everything.
-    let _ = umi_figures::fits::print_quick(&mut line);
-    line.is_new = false;
     if let Some(taken_us) = place_us() {
         let _ = writeln!(line, "readings {CAPTURES} {taken_us}");
     }
-    let _ = line.port.blocking_write(b"end\n");
+    for part in 0..fits::PARTS {
+        line.is_new = true;
+        // The port takes everything.
+        let _ = fits::print_part(part, &mut line);
+        line.is_new = false;
+        let _ = writeln!(line, "part {part}");
+    }
     loop {
         cortex_m::asm::wfi();
     }
