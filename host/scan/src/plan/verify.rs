@@ -318,6 +318,12 @@ pub(super) fn findings(
     found
         .warnings
         .extend(found.overlap.and_then(|o| o.warning()));
+    if found.overlap.is_none() && found.passes > part.components as usize {
+        found.warnings.push(format!(
+            "Of {} passes no two see a common strip of a smooth surface, and none ends beside another: there is no overlap to tell.",
+            found.passes
+        ));
+    }
     found.holds = found.faults.is_empty();
     found
 }

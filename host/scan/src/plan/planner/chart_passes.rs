@@ -10,7 +10,7 @@ use super::super::drive::axes::{Stance, angle_deg};
 use super::super::drive::order::{FEED_MM_PER_S, idle_s};
 use super::super::drive::realise::{Obstructed, Pass};
 use super::super::map::Chart;
-use super::super::proof::figures::{OverlapPoints, overlap, overlap_resolution};
+use super::super::proof::figures::{OverlapPoints, overlap, overlap_resolution, seen_share};
 use super::super::proof::samples::SamplePoint;
 use super::super::proof::see::{Eye, SightDepth};
 use super::Workshop;
@@ -84,7 +84,7 @@ pub fn chart_passes(
         let field = &heights[range.start];
         shop.deadline.more().then(|| {
             let (share, lost) = reach.share(shop, chart, field);
-            let levels = field.levels(shop.part, chart, spacing(shop, 1.0), &share);
+            let levels = field.levels(shop.part, chart, spacing(shop, WHOLE, 1.0), &share);
             let length = level_length(shop, chart, field, &levels, &share);
             let lost = UNSEEN_WEIGHT * lost / strip_mm;
             (length + lost + 0.25 * line * levels.len() as f64, share)
@@ -118,6 +118,7 @@ pub fn chart_passes(
             break;
         }
         let view = View {
+            samples,
             eye: &eye,
             judge: judge.as_ref(),
             per_sample,
@@ -146,6 +147,7 @@ fn strip_mm(shop: &Workshop<'_>, chart: &Chart, area: f64) -> f64 {
 
 /// What is asked of a direction's passes.
 struct View<'a> {
+    samples: &'a [SamplePoint],
     eye: &'a Eye<'a>,
     judge: Option<&'a OverlapPoints>,
     per_sample: f64,
@@ -181,7 +183,14 @@ impl Driven {
     }
 }
 
-/// Drives the courses of a height; closer together while the overlap is too little.
+/// The whole line is seen, as a share of it.
+const WHOLE: f64 = 1.0;
+
+/// A strip of less than this share of the line has ends that range or incidence cut off.
+const CUT_OFF: f64 = 0.95;
+
+/// Drives the courses of a height; closer together while the overlap is too little, and as close as the strips are narrow
+/// where range or incidence cut the line's ends off.
 fn driven(
     shop: &Workshop<'_>,
     chart: &Chart,
@@ -190,6 +199,7 @@ fn driven(
     view: &View<'_>,
 ) -> Result<Driven, ScanError> {
     let View {
+        samples,
         eye,
         judge,
         per_sample,
@@ -197,10 +207,11 @@ fn driven(
     } = *view;
     let threads = Threads::all();
     let mut best: Option<Driven> = None;
-    for tighter in [1.0, 0.93, 0.86] {
+    let mut tries = vec![(WHOLE, 0.86), (WHOLE, 0.93), (WHOLE, 1.0)];
+    while let Some((seen_width, tighter)) = tries.pop() {
         let mut hindered = Obstructed::default();
         let mut passes = Vec::new();
-        let levels = field.levels(shop.part, chart, spacing(shop, tighter), share);
+        let levels = field.levels(shop.part, chart, spacing(shop, seen_width, tighter), share);
         let courses = threads.each(levels.len(), |k| {
             if shop.deadline.more() {
                 lines(shop.part, chart, field, levels[k])
@@ -235,8 +246,15 @@ fn driven(
                 SHORT_WEIGHT,
             ),
             None => (
-                overlap(shop.spec, &all, &seen, shop.deadline)
-                    .is_some_and(|o| o.tenth < enough_overlap(shop, per_sample)),
+                overlap(
+                    shop.spec,
+                    &all,
+                    samples,
+                    &seen,
+                    per_sample.sqrt(),
+                    shop.deadline,
+                )
+                .is_some_and(|o| o.tenth < enough_overlap(shop, per_sample)),
                 MAYBE_SHORT_WEIGHT,
             ),
         };
@@ -248,6 +266,16 @@ fn driven(
             + HASTE_MM_PER_S * idle_s
             + (UNSEEN_WEIGHT * unseen + (BEYOND_WEIGHT - UNSEEN_WEIGHT) * beyond) / strip_mm
             + if short { weight * length } else { 0.0 };
+        // How wide a beam that does not follow the surface sees is reckoned with in `share`; shadows are not mended by closer courses.
+        let looks = seen.sights.iter().zip(&seen.missed);
+        let shaded = looks.filter(|(s, m)| s.is_empty() && m.occluded).count();
+        let first =
+            seen_width == WHOLE && tighter == 1.0 && shop.realiser.driver.fixed_beam().is_none();
+        let narrower = if first && (short || beyond > 0.0) && shaded * 20 < seen.sights.len() {
+            seen_share(shop.spec, &all, samples, &seen, per_sample.sqrt())
+        } else {
+            WHOLE
+        };
         if best.as_ref().is_none_or(|b| cost < b.cost) {
             best = Some(Driven {
                 cost,
@@ -257,6 +285,15 @@ fn driven(
                 passes,
                 hindered,
             });
+        }
+        if narrower < CUT_OFF {
+            if short {
+                best = None;
+            }
+            tries = [0.86, 0.93, 1.0]
+                .map(|tighter| (narrower, tighter))
+                .to_vec();
+            continue;
         }
         // What is hindered is not mended by closer courses.
         if !short || unseen > 0.2 * seen.sights.len() as f64 * per_sample {
@@ -278,15 +315,17 @@ pub fn enough_overlap(shop: &Workshop<'_>, per_sample_mm2: f64) -> f64 {
     shop.spec.plan.overlap - overlap_resolution(shop.spec, per_sample_mm2)
 }
 
-fn spacing(shop: &Workshop<'_>, tighter: f64) -> Spacing {
+/// Where courses lie whose strips are `seen_width` of the line wide.
+fn spacing(shop: &Workshop<'_>, seen_width: f64, tighter: f64) -> Spacing {
     let line = shop.spec.sensor.line_mm;
+    let cut_off = 1.0 - seen_width;
     let (overlap, spare) = (shop.spec.plan.overlap, shop.overlap_spare);
     // With care, the strips on both sides of a cut overlap, too.
     let seam = if spare > 0.0 { overlap + spare } else { 0.0 };
     Spacing {
-        width_mm: line * (EDGE_SHARE - seam).max(0.1),
+        width_mm: line * (EDGE_SHARE - cut_off - seam).max(0.1),
         // A hundredth more than wanted, for what facets and smoothing take.
-        pitch_mm: line * (1.0 - overlap - spare - 0.01).max(0.02) * tighter,
+        pitch_mm: line * (1.0 - cut_off - overlap - spare - 0.01).max(0.02) * tighter,
     }
 }
 

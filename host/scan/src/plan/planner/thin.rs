@@ -40,8 +40,18 @@ pub fn thin(shop: &Workshop<'_>, passes: &mut Vec<Pass>) {
     } else {
         spare.clamp(0.0, LOST) * total
     };
-    let least =
-        |seen: &SampleSights| overlap(shop.spec, &all, seen, shop.deadline).map(|o| o.tenth);
+    let least = |seen: &SampleSights| {
+        let apart_mm = per_sample.sqrt();
+        overlap(
+            shop.spec,
+            &all,
+            &shop.samples,
+            seen,
+            apart_mm,
+            shop.deadline,
+        )
+        .map(|o| o.tenth)
+    };
     let needed = least(&seen).map(|o| o.min(enough_overlap(shop, per_sample)));
     let mut keep = vec![true; passes.len()];
     let mut open = keep.clone();

@@ -90,7 +90,7 @@ impl OverlapPoints {
         }
     }
 
-    /// The overlap of a path. Strips without any count: where the line of a pass ends on the surface, another pass sees what
+    /// The overlap of a path. Strips without any count: where what a pass sees ends on the surface, another pass sees what
     /// lies beyond that end, and both see nothing in common. None where no pass has a neighbour. A late answer is short, as
     /// that of [`overlap`].
     pub fn judge(
@@ -102,8 +102,9 @@ impl OverlapPoints {
     ) -> Option<JudgedOverlap> {
         let eye = Eye::new(&spec.sensor, scenery, &self.points);
         let seen = eye.see(passes, SightDepth::Range, Threads::all());
-        let mut widths = widths(spec, passes, &seen, deadline);
-        for stretch in bare(spec, passes, &self.points, &seen, self.apart_mm) {
+        let ends = strip_ends(spec, passes, &self.points, &seen, self.apart_mm);
+        let mut widths = widths(spec, passes, &seen, &ends, deadline);
+        for stretch in bare(spec, passes, &self.points, &seen, &ends, self.apart_mm) {
             widths.entry(stretch).or_insert([0.0; 2]);
         }
         let bare = widths.values().any(|w| w[0] == 0.0);
@@ -118,7 +119,7 @@ impl OverlapPoints {
     }
 }
 
-/// Points so far from the line's end, of half the line, lie at it.
+/// Points so far from the middle towards the end of a whole line, as a share of half of it, lie at that end.
 const AT_END: f64 = 0.9;
 
 /// Strips with a gap between them are neighbours up to this share of the line; a wider gap is seen in the coverage.
@@ -130,6 +131,7 @@ fn bare(
     passes: &[&Pass],
     points: &[SamplePoint],
     seen: &SampleSights,
+    ends: &HashMap<StretchEnd, StripEnd>,
     apart_mm: f64,
 ) -> HashSet<StretchEnd> {
     let ways = ways(spec, passes);
@@ -148,9 +150,10 @@ fn bare(
     for (point, sights) in points.iter().zip(&seen.sights) {
         let [only] = sights.as_slice() else { continue };
         let stretch = stretch(&ways, only);
-        if only.lateral.abs() < AT_END
-            || found.get(&stretch).is_some_and(|n| *n >= needed(only.pass))
-        {
+        let at_end = ends
+            .get(&stretch)
+            .is_some_and(|end| end.has(only.lateral.abs()));
+        if !at_end || found.get(&stretch).is_some_and(|n| *n >= needed(only.pass)) {
             continue;
         }
         let pose = &passes[only.pass as usize].poses[only.step as usize];
@@ -217,6 +220,86 @@ fn stretch(ways: &[Vec<f64>], sight: &Sight) -> StretchEnd {
     (sight.pass, (way / STRETCH_MM) as u64, sight.lateral > 0.0)
 }
 
+/// Where a strip ends in a stretch.
+#[derive(Debug, Clone, Copy)]
+struct StripEnd {
+    /// The outermost place that its pass sees, from 0 at the line's middle to 1 at its end.
+    edge: f64,
+    /// Range, incidence or a shadow end it before the line does: the surface goes on.
+    cut: bool,
+}
+
+impl StripEnd {
+    /// Does a place lie at this end?
+    fn has(&self, towards: f64) -> bool {
+        towards >= self.least(AT_END)
+    }
+
+    /// A neighbour's points must reach this place to lie at this end; `whole` where the line is seen to its end.
+    fn least(&self, whole: f64) -> f64 {
+        if self.cut {
+            whole.min(self.edge - (1.0 - whole))
+        } else {
+            whole
+        }
+    }
+}
+
+/// Where the strips of all passes end.
+fn strip_ends(
+    spec: &ScanSpec,
+    passes: &[&Pass],
+    points: &[SamplePoint],
+    seen: &SampleSights,
+    apart_mm: f64,
+) -> HashMap<StretchEnd, StripEnd> {
+    let ways = ways(spec, passes);
+    let mut ends: HashMap<StretchEnd, StripEnd> = HashMap::new();
+    for sight in seen.sights.iter().flatten() {
+        let edge = sight.lateral.abs();
+        let end = ends.entry(stretch(&ways, sight));
+        let end = end.or_insert(StripEnd { edge, cut: false });
+        end.edge = end.edge.max(edge);
+    }
+    if ends.values().all(|end| end.edge >= AT_END) {
+        return ends;
+    }
+    let places: Vec<Vector3<f64>> = points.iter().map(|p| p.at).collect();
+    // The outermost two rows of points or so, and as many behind them.
+    let band = 2.0 * apart_mm / (0.5 * spec.sensor.line_mm);
+    let near_mm = 4.0 * apart_mm;
+    let cells = Cells::new(&places, near_mm);
+    // Points at an early end, and those behind which the surface goes on that this pass does not see.
+    let mut counts: HashMap<StretchEnd, [usize; 2]> = HashMap::new();
+    for (point, sights) in points.iter().zip(&seen.sights) {
+        for sight in sights {
+            let stretch = stretch(&ways, sight);
+            let edge = ends[&stretch].edge;
+            if edge >= AT_END || sight.lateral.abs() < edge - band {
+                continue;
+            }
+            let pose = &passes[sight.pass as usize].poses[sight.step as usize];
+            let outwards = pose.line * sight.lateral.signum();
+            let on = cells.any_near(&point.at, near_mm, |k| {
+                let d = places[k] - point.at;
+                d.norm() < near_mm
+                    && d.dot(&outwards) > 2.0 * d.dot(&pose.feed()).abs()
+                    && points[k].normal.dot(&point.normal) > SAME_SIDE
+                    && seen.sights[k].iter().all(|s| s.pass != sight.pass)
+            });
+            let [all, going_on] = counts.entry(stretch).or_default();
+            *all += 1;
+            *going_on += usize::from(on);
+        }
+    }
+    for (stretch, [all, going_on]) in counts {
+        if let Some(end) = ends.get_mut(&stretch) {
+            end.cut = 2 * going_on > all;
+        }
+    }
+    ends
+}
+
 /// The overlap in stretches of 10 mm at each end of the line; none where no two passes see a point in common.
 ///
 /// Where another pass sees the strip's edge too, the strip that both see is as wide as the points there lie apart.
@@ -224,21 +307,43 @@ fn stretch(ways: &[Vec<f64>], sight: &Sight) -> StretchEnd {
 pub fn overlap(
     spec: &ScanSpec,
     passes: &[&Pass],
+    points: &[SamplePoint],
     seen: &SampleSights,
+    apart_mm: f64,
     deadline: Deadline,
 ) -> Option<Overlap> {
-    told(widths(spec, passes, seen, deadline))
+    let ends = strip_ends(spec, passes, points, seen, apart_mm);
+    told(widths(spec, passes, seen, &ends, deadline))
+}
+
+/// The share of the line that passes see, where range or incidence end their strips before the line does: a tenth of the
+/// ends lie nearer to its middle. The part's own border ends no strip early.
+pub fn seen_share(
+    spec: &ScanSpec,
+    passes: &[&Pass],
+    points: &[SamplePoint],
+    seen: &SampleSights,
+    apart_mm: f64,
+) -> f64 {
+    let ends = strip_ends(spec, passes, points, seen, apart_mm).into_values();
+    let mut edges: Vec<f64> = ends.map(|e| if e.cut { e.edge } else { 1.0 }).collect();
+    edges.sort_by(f64::total_cmp);
+    edges.get(edges.len() / 10).map_or(1.0, |e| e.max(0.1))
 }
 
 /// A neighbour's strip that reaches beyond the line's middle ends where its points leave a gap of this share of half the line:
 /// what lies behind it belongs to the line's other end.
 const STRIP_GAP: f64 = 0.3;
 
+/// A neighbour's points reach the end of a whole line from this place on.
+const AT_NEIGHBOUR: f64 = 0.7;
+
 /// Of each stretch the overlap that its points span, and the same with what lies between the points (0 of few points).
 fn widths(
     spec: &ScanSpec,
     passes: &[&Pass],
     seen: &SampleSights,
+    ends: &HashMap<StretchEnd, StripEnd>,
     deadline: Deadline,
 ) -> HashMap<StretchEnd, [f64; 2]> {
     let ways = ways(spec, passes);
@@ -275,7 +380,10 @@ fn widths(
             let (Some(edge), Some(inner)) = (places.first(), places.last()) else {
                 continue;
             };
-            if *edge > 0.7 && places.len() >= 3 {
+            let least = ends
+                .get(&stretch)
+                .map_or(AT_NEIGHBOUR, |end| end.least(AT_NEIGHBOUR));
+            if *edge > least && places.len() >= 3 {
                 let count = places.len() as f64;
                 let width = (edge - inner) / 2.0;
                 let [seen, whole] = widths.entry(stretch).or_insert([0.0; 2]);

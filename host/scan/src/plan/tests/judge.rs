@@ -11,7 +11,16 @@ use super::{height_field, upright};
 
 /// Straight passes along X over a flat plate of 80 mm, so many mm apart; the outermost lie 5 mm within its edges, or further.
 fn judged(count: i32, apart_mm: f64, half_mm: f64) -> (ScanSpec, PathFindings) {
-    let mut spec = upright();
+    judged_by(upright(), count, apart_mm, half_mm)
+}
+
+/// The same with a sensor of which more is said.
+fn judged_by(
+    mut spec: ScanSpec,
+    count: i32,
+    apart_mm: f64,
+    half_mm: f64,
+) -> (ScanSpec, PathFindings) {
     // What lies between strips that do not touch goes unseen.
     spec.plan.min_coverage = 0.9;
     let part = PartMesh::weld(height_field([40.0, half_mm], 16, |_, _| 0.0), true).unwrap();
@@ -80,4 +89,24 @@ fn strips_that_overlap_too_little_are_told_by_name() {
     let (_, found) = judged(1, 0.0, 30.0);
     assert_eq!(found.overlap, None);
     assert_eq!(names(&found), ["coverage"]);
+}
+
+/// From 60 mm a line of 64 mm lies within 20 degrees for 43.7 mm of it: what overlaps is counted from there.
+#[test]
+fn strips_that_the_incidence_cuts_short_of_the_line_overlap_by_what_is_seen() {
+    let mut spec = upright();
+    spec.sensor.line_mm = 64.0;
+    spec.sensor.max_incidence_deg = 20.0;
+    let seen_mm = 2.0 * spec.sensor.reference_mm * f64::to_radians(20.0).tan();
+    for share in [0.25, 0.16, 0.08, 0.0, -0.05] {
+        let apart_mm = seen_mm - 64.0 * share;
+        let (_, found) = judged_by(spec.clone(), 3, apart_mm, apart_mm + 15.0);
+        let overlap = found.overlap.unwrap();
+        let wanted = f64::max(share, 0.0);
+        assert!(
+            (overlap.median - wanted).abs() < 0.01,
+            "{share}: {overlap:?}"
+        );
+        assert_eq!(found.holds, share > 0.15, "{share}: {:?}", found.faults);
+    }
 }

@@ -182,3 +182,14 @@ fn an_overlap_that_is_less_somewhere_is_a_warning() {
     (judged.min, judged.tenth) = (0.0, 0.05);
     assert_eq!(judged.warning(), None);
 }
+
+/// A line of 64 mm of which 43.7 mm are seen: passes lie as close as that needs, and the overlap is told.
+#[test]
+fn where_incidence_cuts_the_line_passes_lie_closer() {
+    let mut spec = upright();
+    spec.sensor.line_mm = 64.0;
+    spec.sensor.max_incidence_deg = 20.0;
+    let plan = kept("plate", height_field([60.0, 40.0], 8, |_, _| 0.0), &spec);
+    let overlap = plan.figures.overlap.unwrap();
+    assert!(overlap.holds() && overlap.median < 0.4, "{overlap:?}");
+}
