@@ -51,9 +51,9 @@ pub struct PathFindings {
     pub scan_length_mm: f64,
     /// The same over all rows.
     pub path_length_mm: f64,
-    /// Largest difference of the middle ray from the reference distance.
+    /// Largest difference of the middle ray from the reference distance, on the ways between the rows, too.
     pub stand_off_max_mm: f64,
-    /// Largest angle of the middle ray against the facet it meets.
+    /// Largest angle of the middle ray against the facet it meets, on the ways between the rows, too.
     pub tilt_max_deg: f64,
     /// Poses whose middle ray meets no part.
     pub off_part: usize,

@@ -55,6 +55,19 @@ const SHORTEST_MM: f64 = 0.5;
 /// Share of the stand-off's tolerance that a shift takes.
 const SHIFT_SHARE: f64 = 0.9;
 
+/// Between two poses the axes' way is looked at here.
+const BETWEEN: [f64; 3] = [0.25, 0.5, 0.75];
+
+/// All axes move linearly between poses, so that a turn carries the point off its chord: by this share of the stand-off's
+/// tolerance at most.
+const CHORD_SHARE: f64 = 0.1;
+
+/// Less than this is no matter, whatever the tolerance.
+const CHORD_MM: f64 = 0.005;
+
+/// A way between two poses is halved so often at most; the point comes four times as near to its chord by each.
+const HALVINGS: u32 = 6;
+
 /// Less is no way out of anything.
 const LEAST_SHIFT_MM: f64 = 0.05;
 
@@ -170,7 +183,95 @@ impl Realiser<'_> {
             found.push((from, pass));
         }
         found.sort_by_key(|(at, _)| *at);
-        found.into_iter().map(|(_, pass)| pass).collect()
+        let passes = found.into_iter().flat_map(|(_, pass)| self.closer(pass));
+        passes
+            .filter(|pass| pass.length_mm(self.spec) >= self.shortest_mm)
+            .collect()
+    }
+
+    /// The pass with poses between its own, until the axes' ways from pose to pose keep to the part; parted where they
+    /// cannot.
+    fn closer(&self, pass: Pass) -> Vec<Pass> {
+        let machine = &self.spec.machine;
+        let mut parts: Vec<Vec<Vec<f64>>> = Vec::new();
+        for axes in pass.axes {
+            match parts.last_mut() {
+                Some(part) => match self.between(&part[part.len() - 1], &axes, HALVINGS) {
+                    Some(between) => {
+                        part.extend(between);
+                        part.push(axes);
+                    }
+                    None => parts.push(vec![axes]),
+                },
+                None => parts.push(vec![axes]),
+            }
+        }
+        parts.retain(|part| part.len() > 1);
+        let pass = |axes: Vec<Vec<f64>>| Pass {
+            poses: axes.iter().map(|a| machine.forward(a)).collect(),
+            axes,
+        };
+        parts.into_iter().map(pass).collect()
+    }
+
+    /// Axis values between two poses of a pass, with which the way keeps to the part; none where none do.
+    fn between(&self, a: &[f64], b: &[f64], halvings: u32) -> Option<Vec<Vec<f64>>> {
+        let machine = &self.spec.machine;
+        if self.way_keeps(a, b) {
+            return Some(Vec::new());
+        }
+        let middle = self.middle(a, b)?;
+        if halvings == 0
+            || self.usable(&middle) != Usable::Yes
+            || self.scenery.touches_between(machine, a, &middle)
+            || self.scenery.touches_between(machine, &middle, b)
+        {
+            return None;
+        }
+        let mut all = self.between(a, &middle, halvings - 1)?;
+        let rest = self.between(&middle, b, halvings - 1)?;
+        all.push(middle);
+        all.extend(rest);
+        Some(all)
+    }
+
+    /// Half way between two poses of a pass in the angles, and in the stand-off.
+    fn middle(&self, a: &[f64], b: &[f64]) -> Option<Vec<f64>> {
+        let (spec, machine) = (self.spec, &self.spec.machine);
+        let part = self.scenery.meshes[0];
+        let ends = [machine.forward(a), machine.forward(b)];
+        let tips = ends.map(|p| p.origin_mm + p.beam * spec.sensor.reference_mm);
+        let mut axes = mixed(a, b, 0.5);
+        let beam = machine.pointing(&axes[3..]).0;
+        let mut origin = (tips[0] + tips[1]) / 2.0 - beam * spec.sensor.reference_mm;
+        let far = spec.sensor.range_mm[1] * 1.5;
+        let stands = |origin: &Vector3<f64>, beam: &Vector3<f64>| {
+            part.first_hit(origin, beam, far).map(|hit| hit.at)
+        };
+        let [from, to] = ends.map(|p| stands(&p.origin_mm, &p.beam));
+        origin += beam * (stands(&origin, &beam)? - (from? + to?) / 2.0);
+        let carriage = machine.carriage(&origin, &axes[3..]);
+        axes[..3].copy_from_slice(carriage.as_slice());
+        Some(axes.into_iter().map(rounded).collect())
+    }
+
+    /// Does the axes' way between two poses of a pass keep the stand-off and the tilt, and the point near its chord?
+    fn way_keeps(&self, a: &[f64], b: &[f64]) -> bool {
+        let (plan, reference_mm) = (&self.spec.plan, self.spec.sensor.reference_mm);
+        let tip = |p: &SensorPose| p.origin_mm + p.beam * reference_mm;
+        let machine = &self.spec.machine;
+        let (from, to) = (tip(&machine.forward(a)), tip(&machine.forward(b)));
+        let near = (CHORD_SHARE * plan.stand_off_tolerance_mm).max(CHORD_MM);
+        BETWEEN.iter().all(|share| {
+            let pose = machine.forward(&mixed(a, b, *share));
+            let far = self.spec.sensor.range_mm[1] * 1.5;
+            let hit = self.scenery.meshes[0].first_hit(&pose.origin_mm, &pose.beam, far);
+            (tip(&pose) - from.lerp(&to, *share)).norm() <= near
+                && hit.is_none_or(|hit| {
+                    (hit.at - reference_mm).abs() <= plan.stand_off_tolerance_mm * 0.99
+                        && self.scenery.tilt_deg(&pose, &hit) <= plan.max_tilt_deg + 1.4
+                })
+        })
     }
 
     /// Every lean, with the line in one or both senses; then the other distances that are allowed, plain and leant.
@@ -267,10 +368,9 @@ impl Realiser<'_> {
         pass.axes
             .iter()
             .all(|axes| self.usable(axes) == Usable::Yes)
-            && !pass
-                .axes
-                .windows(2)
-                .any(|w| self.scenery.touches_between(machine, &w[0], &w[1]))
+            && pass.axes.windows(2).all(|w| {
+                self.way_keeps(&w[0], &w[1]) && !self.scenery.touches_between(machine, &w[0], &w[1])
+            })
     }
 
     fn usable(&self, axes: &[f64]) -> Usable {
@@ -430,12 +530,26 @@ enum Usable {
     Touches,
 }
 
+/// On the way of the axes from one set to another.
+fn mixed(a: &[f64], b: &[f64], share: f64) -> Vec<f64> {
+    a.iter().zip(b).map(|(x, y)| x + (y - x) * share).collect()
+}
+
 /// Where the receiver stands.
 pub fn receiver(pose: &SensorPose, place: &Vector3<f64>) -> Vector3<f64> {
     pose.origin_mm + pose.line * place.x + pose.feed() * place.y + pose.beam * place.z
 }
 
 impl Pass {
+    /// Poses on the axes' way from one of its poses to the next.
+    pub fn between(&self, spec: &ScanSpec, pose: usize) -> Vec<SensorPose> {
+        let ends = self.axes.get(pose).zip(self.axes.get(pose + 1));
+        let at = |(a, b): (&Vec<f64>, &Vec<f64>)| {
+            BETWEEN.map(|share| spec.machine.forward(&mixed(a, b, share)))
+        };
+        ends.map(at).into_iter().flatten().collect()
+    }
+
     /// Way of the point at the reference distance.
     pub fn length_mm(&self, spec: &ScanSpec) -> f64 {
         let tip = |p: &SensorPose| p.origin_mm + p.beam * spec.sensor.reference_mm;

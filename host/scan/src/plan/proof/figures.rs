@@ -429,7 +429,7 @@ pub struct Stand {
     pub off_part: usize,
 }
 
-/// Follows the middle ray of every pose.
+/// Follows the middle ray of every pose, and of the axes' ways between them.
 pub fn stand(spec: &ScanSpec, scenery: &Scenery<'_>, passes: &[&Pass]) -> Stand {
     let mut stand = Stand {
         stand_off_max_mm: 0.0,
@@ -437,16 +437,25 @@ pub fn stand(spec: &ScanSpec, scenery: &Scenery<'_>, passes: &[&Pass]) -> Stand 
         off_part: 0,
     };
     let part = scenery.meshes[0];
-    for pose in passes.iter().flat_map(|p| &p.poses) {
-        match part.first_hit(&pose.origin_mm, &pose.beam, spec.sensor.range_mm[1] * 1.5) {
-            Some(hit) => {
-                let off = (hit.at - spec.sensor.reference_mm).abs();
-                let tilt = scenery.tilt_deg(pose, &hit);
-                stand.stand_off_max_mm = stand.stand_off_max_mm.max(off);
-                stand.tilt_max_deg = stand.tilt_max_deg.max(tilt);
+    let mut look = |pose: &SensorPose| {
+        let hit = part.first_hit(&pose.origin_mm, &pose.beam, spec.sensor.range_mm[1] * 1.5);
+        if let Some(hit) = &hit {
+            let off = (hit.at - spec.sensor.reference_mm).abs();
+            let tilt = scenery.tilt_deg(pose, hit);
+            stand.stand_off_max_mm = stand.stand_off_max_mm.max(off);
+            stand.tilt_max_deg = stand.tilt_max_deg.max(tilt);
+        }
+        hit.is_some()
+    };
+    let mut off_part = 0;
+    for pass in passes {
+        for (k, pose) in pass.poses.iter().enumerate() {
+            off_part += usize::from(!look(pose));
+            for between in pass.between(spec, k) {
+                look(&between);
             }
-            None => stand.off_part += 1,
         }
     }
+    stand.off_part = off_part;
     stand
 }

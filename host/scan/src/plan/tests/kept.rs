@@ -193,3 +193,39 @@ fn where_incidence_cuts_the_line_passes_lie_closer() {
     let overlap = plan.figures.overlap.unwrap();
     assert!(overlap.holds() && overlap.median < 0.4, "{overlap:?}");
 }
+
+/// The part stands half a metre beside the table's axis: a turn of a few degrees carries the point off its chord.
+#[test]
+fn the_driven_way_keeps_the_stand_off_between_the_rows() {
+    let text = super::SPEC
+        .replace("[30.0, -20.0, 12.0]", "[400.0, 300.0, 20.0]")
+        .replace("[10.0, 5.0, -30.0]", "[0, 0, 0]")
+        .replace("[0.6, 0.8, 0]", "[0, 1, 0]")
+        .replace(
+            "stand_off_tolerance_mm = 1.0",
+            "stand_off_tolerance_mm = 0.1",
+        );
+    let spec = super::spec(&text).unwrap();
+    let dome = || height_field([10.0, 8.0], 12, |x, y| (900.0 - x * x - y * y).sqrt());
+    let plan = kept("dome", dome(), &spec);
+    let part = PartMesh::weld(dome(), true).unwrap();
+    let mut most: f64 = 0.0;
+    for pair in plan.rows.windows(2) {
+        if !pair[0].laser || pair[0].pass != pair[1].pass {
+            continue;
+        }
+        for k in 1..16 {
+            let axes = pair[0].axes.iter().zip(&pair[1].axes);
+            let axes: Vec<f64> = axes
+                .map(|(a, b)| a + (b - a) * f64::from(k) / 16.0)
+                .collect();
+            let pose = spec.machine.forward(&axes);
+            if let Some(hit) = part.surface.first_hit(&pose.origin_mm, &pose.beam, 100.0) {
+                most = most.max((hit.at - spec.sensor.reference_mm).abs());
+            }
+        }
+    }
+    assert!(most <= 0.1, "{most}");
+    let told = plan.figures.stand_off_max_mm;
+    assert!(told > 0.0 && (told - most).abs() < 0.01, "{told} {most}");
+}
