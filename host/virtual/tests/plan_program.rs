@@ -12,6 +12,11 @@ use umi_virtual::scene::Scene;
 
 /// A table that tilts and turns, and a spindle that orients itself, as the reference's machine.
 fn scene(dialect: &str) -> Scene {
+    scene_with(dialect, "")
+}
+
+/// The same, and more of its text.
+fn scene_with(dialect: &str, more: &str) -> Scene {
     let text = format!(
         r#"
         [machine]
@@ -36,6 +41,7 @@ fn scene(dialect: &str) -> Scene {
         axis = [0, 0, 1]
         [control.nc]
         dialect = "{dialect}"
+        {more}
         "#
     );
     Scene::parse(&text).unwrap()
@@ -93,6 +99,54 @@ fn a_program_goes_to_the_rows_of_its_path() {
         .unwrap();
         assert_eq!(reached, rows.len(), "{name}");
     }
+}
+
+/// Whether a control glues the frame of X Y Z to the table as it stands at `G43.4` or at zero: it stands at zero there.
+#[test]
+fn a_carried_point_is_the_same_by_both_readings_of_g43_4() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/reference/plan");
+    let text = std::fs::read_to_string(folder.join("kinematics_ac.toml")).unwrap();
+    let text = text
+        .replace("[10.0, 5.0, -30.0]", "[0, 0, 0]")
+        .replace("[16.327, -20.445, -137.91]", "[0, 0, -150]");
+    let spec = ScanSpec::read(&text, &folder).unwrap();
+    let rows = [40.0, 40.5, 41.0].map(|x| {
+        let axes = vec![x, 10.0, 300.0, 50.0 + x / 10.0, 100.0 + x, 15.0];
+        PathRow {
+            pass: 0,
+            laser: true,
+            pose: spec.machine.forward(&axes),
+            axes,
+        }
+    });
+    let style = ProgramStyle {
+        dialect: PathDialect::Fanuc,
+        mode: ProgramMode::Rtcp,
+        feed_mm_per_min: 600.0,
+        number: 1000,
+    };
+    let text = program(&spec, Vec::new(), &rows, style).unwrap().text;
+    let offsets =
+        "[offsets_mm]\nG54 = [30.0, -20.0, 12.0]\n[tools.1]\nlength_mm = 210\nradius_mm = 1\n";
+    let scene = scene_with("fanuc", offsets);
+    let mut cell = Cell::new(scene, 1, Unwired);
+    let (mut carried, mut reached) = (false, 0);
+    cell.run(&text, |cell, step| {
+        let machine = &cell.machine;
+        let mut at = machine.position().to_array_mm().to_vec();
+        at.extend(machine.turned_deg());
+        if step.text.contains("G43.4 H1") {
+            assert_eq!(at[3..5], [0.0, 0.0]);
+            carried = true;
+        }
+        let near = |row: &PathRow| row.axes.iter().zip(&at).all(|(a, b)| (a - b).abs() < 0.02);
+        if carried && rows.get(reached).is_some_and(near) {
+            reached += 1;
+        }
+        Ok::<(), Alarm>(())
+    })
+    .unwrap();
+    assert_eq!((carried, reached), (true, rows.len()), "{text}");
 }
 
 /// The chain of the scene is that of the plan: a sensor that is mounted as there sees from the

@@ -93,13 +93,13 @@ fn apart_mm(spec: &ScanSpec, a: &PathRow, b: &PathRow) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::super::super::proof::row::PathRow;
     use super::super::super::tests::spec;
     use super::{APART_MM, with_rows_between};
     use nalgebra::Vector3;
 
-    const TABLES: &str = r#"
+    pub const TABLES: &str = r#"
 [sensor]
 line_mm = 16.0
 reference_mm = 60.0

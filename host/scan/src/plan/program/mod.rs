@@ -122,7 +122,7 @@ pub fn program(
     rows: &[PathRow],
     style: ProgramStyle,
 ) -> Result<PathProgram, ScanError> {
-    let warnings = ready(spec, style.dialect, style.mode)?;
+    let mut warnings = ready(spec, style.dialect, style.mode)?;
     let (Some(first), Some(last)) = (rows.first(), rows.last()) else {
         return Err(ScanError::refused("nc_approach", "The path has no row."));
     };
@@ -137,6 +137,13 @@ pub fn program(
             ));
         }
     }
+    let above = above(spec, first);
+    let turned = match (style.dialect, style.mode) {
+        (PathDialect::Fanuc, ProgramMode::Rtcp) if !spec.machine.table.is_empty() => {
+            turned_from_zero(spec, &scenery, &above, &mut warnings)?
+        }
+        _ => Vec::new(),
+    };
     let between = match style.mode {
         ProgramMode::Rotary => Vec::new(),
         ProgramMode::Rtcp => between::with_rows_between(spec, rows),
@@ -159,8 +166,7 @@ pub fn program(
         writer.comment(&warning.to_ascii_uppercase());
     }
     writer.comment("START: LASER OFF");
-    let above = above(spec, first);
-    writer.approach(&above);
+    writer.approach(&above, &turned);
     let mut before = Some(&above);
     for row in rows {
         writer.row(before, row);
@@ -189,6 +195,58 @@ fn above(spec: &ScanSpec, row: &PathRow) -> PathRow {
         pose: spec.machine.forward(&axes),
         axes,
     }
+}
+
+/// The way from the table's zero to the angles of the first row, at the top of Z over it.
+///
+/// A control glues the frame of X Y Z to the table as it stands at `G43.4`, or as it stands at zero (Fanuc 15i,
+/// B-63783EN-1 p. 1116; 30i, A-79348E p. 19; Mitsubishi M700 p. 477, WKP). With the table at zero then, both are one; it is
+/// turned behind. Empty where its limits leave zero out: that is a warning.
+fn turned_from_zero(
+    spec: &ScanSpec,
+    scenery: &Scenery<'_>,
+    above: &PathRow,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<PathRow>, ScanError> {
+    let table = &spec.machine.table;
+    if let Some(axis) = table
+        .iter()
+        .find(|a| !(a.limits_deg[0] <= 0.0 && a.limits_deg[1] >= 0.0))
+    {
+        warnings.push(format!(
+            "X Y Z are those of the table at zero, where {} cannot stand: the control must take them so whatever the table's angles at G43.4 are.",
+            axis.name
+        ));
+        return Ok(Vec::new());
+    }
+    let top = spec.machine.travel_mm[2][1].max(above.axes[2]);
+    let row = |z: f64, turned: bool| {
+        let mut axes = above.axes.clone();
+        axes[2] = z;
+        if !turned {
+            axes[3..3 + table.len()].fill(0.0);
+        }
+        PathRow {
+            pass: -1,
+            laser: false,
+            pose: spec.machine.forward(&axes),
+            axes,
+        }
+    };
+    // A little below the top: at the very end of its travel hardly anything may be carried.
+    let under = (top - DESCENT_MM).max(above.axes[2]);
+    let mut way = vec![row(top, false), row(under, false), row(under, true)];
+    way.dedup_by(|a, b| a.axes == b.axes);
+    if way
+        .windows(2)
+        .any(|w| scenery.touches_between(&spec.machine, &w[0].axes, &w[1].axes))
+    {
+        return Err(ScanError::refused(
+            "nc_approach",
+            "The table's way from zero to the first row's angles touches the sensor at the top of Z: stand the part lower, or take --nc-mode rotary.",
+        ));
+    }
+    Ok(between::with_rows_between(spec, &way))
 }
 
 fn tip(spec: &ScanSpec, row: &PathRow) -> Vector3<f64> {
@@ -240,6 +298,9 @@ impl Writer<'_> {
             }
             ProgramMode::Rtcp => {
                 self.comment("X Y Z ARE THE POINT OF THE MIDDLE RAY IN THE PART FRAME: SET THE OFFSET AND THE TOOL TO SENSOR AND PART");
+                if self.style.dialect == PathDialect::Fanuc {
+                    self.comment("G43.4 STANDS WHERE THE TABLE IS AT ZERO: ITS FRAME IS THE SAME ON EVERY CONTROL");
+                }
                 self.comment(&format!(
                     "ROWS BETWEEN THOSE OF THE PLAN KEEP THE WAY WITHIN {APART_MM} MM OF THE PROVED ONE"
                 ));
@@ -334,8 +395,8 @@ impl Writer<'_> {
         text
     }
 
-    fn approach(&mut self, first: &PathRow) {
-        let turns = self.words(&self.rotary_words(first));
+    fn approach(&mut self, first: &PathRow, turned: &[PathRow]) {
+        let turns = self.words(&self.rotary_words(turned.first().unwrap_or(first)));
         let linear = self.linear_words(first);
         let over = [("X", first.axes[0]), ("Y", first.axes[1])];
         let over = self.words(&over.map(|(name, value)| (name.to_owned(), value)));
@@ -353,11 +414,19 @@ impl Writer<'_> {
                     // along X and Y of the part would not stay at the top.
                     self.line(&format!("G53 G0{over}"));
                     self.line("G43.4 H1");
+                    if !turned.is_empty() {
+                        self.line("G93");
+                    }
+                    for pair in turned.windows(2) {
+                        self.row(Some(&pair[0]), &pair[1]);
+                    }
                     self.line(&format!("G0{xy}{z}"));
                 } else {
                     self.line(&format!("G0{xy}\nG0{z}"));
                 }
-                self.line("G93");
+                if turned.is_empty() {
+                    self.line("G93");
+                }
             }
             PathDialect::LinuxCnc => {
                 self.line("G21 G17 G40 G49 G80 G94 G64 P0.001");
@@ -483,5 +552,72 @@ impl Writer<'_> {
                 self.line(&format!("END PGM SCAN{} MM", self.style.number));
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::proof::row::PathRow;
+    use super::super::tests::spec;
+    use super::between::tests::TABLES;
+    use super::{PathDialect, ProgramMode, ProgramStyle, program};
+    use nalgebra::Vector3;
+
+    /// Whether a control glues the frame to the table as it stands at `G43.4` or at zero, the program goes the same way: from
+    /// the table's zero to the first row's angles with X and Y over it.
+    #[test]
+    fn a_fanuc_carries_the_point_from_the_tables_zero_on() {
+        let with = |from: &str, to: &str| spec(&TABLES.replace(from, to)).unwrap();
+        let plain = with("", "");
+        let row = |axes: [f64; 5]| PathRow {
+            pass: 0,
+            laser: true,
+            pose: plain.machine.forward(&axes),
+            axes: axes.to_vec(),
+        };
+        let rows = [
+            row([40.0, 10.0, 80.0, 30.0, 200.0]),
+            row([41.0, 10.0, 80.0, 30.0, 200.0]),
+        ];
+        let style = ProgramStyle {
+            dialect: PathDialect::Fanuc,
+            mode: ProgramMode::Rtcp,
+            feed_mm_per_min: 600.0,
+            number: 1,
+        };
+        let written = program(&plain, Vec::new(), &rows, style).unwrap();
+        let (before, after) = written.text.split_once("G43.4 H1\n").unwrap();
+        assert!(before.contains("\nG0 A0.000 C0.000\n"), "{before}");
+        assert_eq!(written.warnings, [""; 0]);
+        let value = |line: &str, word: char| -> f64 {
+            let mut words = line.split(' ').filter_map(|w| w.strip_prefix(word));
+            words.next().unwrap().parse().unwrap()
+        };
+        let (mut blocks, mut turned) = (0, [0.0; 2]);
+        for line in after.lines().filter(|l| l.starts_with("G1")) {
+            let here = ['A', 'C'].map(|word| value(line, word));
+            let tip = Vector3::from(['X', 'Y', 'Z'].map(|word| value(line, word)));
+            let origin = tip - plain.machine.pointing(&here).0 * 60.0;
+            let at = plain.machine.carriage(&origin, &here);
+            assert!(
+                (at.x - 40.0).abs() < 0.03 && (at.y - 10.0).abs() < 0.03,
+                "{line}: {at}"
+            );
+            (blocks, turned) = (blocks + 1, here);
+            if at.z < 100.0 {
+                break;
+            }
+        }
+        assert_eq!(turned, [30.0, 200.0]);
+        assert!((20..400).contains(&blocks), "{blocks}");
+        // A table that cannot stand at zero: the program says what it asks of the control.
+        let beyond = with("limits_deg = [-95, 95]", "limits_deg = [10, 95]");
+        let written = program(&beyond, Vec::new(), &rows, style).unwrap();
+        assert!(
+            written.warnings[0].contains("table at zero"),
+            "{:?}",
+            written.warnings
+        );
+        assert!(written.text.contains("TABLE AT ZERO"));
     }
 }

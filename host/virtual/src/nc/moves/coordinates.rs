@@ -177,7 +177,8 @@ impl Control {
     /// `G43.4`: from now on X, Y, Z are places of the table, which turn with it, and the control
     /// moves the axes so that the tool's tip goes there. The work offset is that of the table with
     /// its axes at 0 (Fanuc's tool center point control, type 1, with the table's coordinate
-    /// system as the program's).
+    /// system as the program's). A control whose parameters glue that system to the table as it
+    /// stands here goes elsewhere, unless it stands at 0.
     fn carry_tip(&mut self) -> Checked<()> {
         if self.settings.rotary_words.is_empty() {
             return Err(Fault::new("G43.4 needs a machine with rotary axes"));
