@@ -102,6 +102,9 @@ pub fn ready(
 ) -> Result<Vec<String>, ScanError> {
     words::check(&spec.machine, dialect)?;
     match (mode, dialect) {
+        (ProgramMode::Rotary, PathDialect::LinuxCnc) => {
+            Ok(words::linear(&spec.machine).into_iter().collect())
+        }
         (ProgramMode::Rotary, _) => Ok(Vec::new()),
         (ProgramMode::Rtcp, PathDialect::LinuxCnc) => Err(ScanError::refused(
             "nc_mode",
@@ -560,7 +563,7 @@ mod tests {
     use super::super::proof::row::PathRow;
     use super::super::tests::spec;
     use super::between::tests::TABLES;
-    use super::{PathDialect, ProgramMode, ProgramStyle, program};
+    use super::{PathDialect, ProgramMode, ProgramStyle, program, ready};
     use nalgebra::Vector3;
 
     /// Whether a control glues the frame to the table as it stands at `G43.4` or at zero, the program goes the same way: from
@@ -619,5 +622,18 @@ mod tests {
             written.warnings
         );
         assert!(written.text.contains("TABLE AT ZERO"));
+    }
+
+    #[test]
+    fn a_word_that_linuxcnc_reads_as_a_length_is_a_warning() {
+        let with = |to: &str| spec(&TABLES.replace("name = \"C\"", to)).unwrap();
+        let told = |to: &str, dialect| ready(&with(to), dialect, ProgramMode::Rotary).unwrap();
+        let said = told("name = \"W\"", PathDialect::LinuxCnc);
+        assert!(
+            said[0].contains("W as a linear axis") && said[0].contains("B is free"),
+            "{said:?}"
+        );
+        assert_eq!(told("name = \"C\"", PathDialect::LinuxCnc), [""; 0]);
+        assert_eq!(told("name = \"W\"", PathDialect::Fanuc), [""; 0]);
     }
 }

@@ -45,6 +45,24 @@ pub(super) fn check(machine: &PlanMachine, dialect: PathDialect) -> Result<(), S
     Ok(())
 }
 
+/// LinuxCNC reads U, V and W as linear axes, and converts their numbers as lengths: what is said of a rotary one.
+pub(super) fn linear(machine: &PlanMachine) -> Option<String> {
+    let axes = machine.table.iter().chain(&machine.head);
+    let orient = machine.orient_deg.map(|_| machine.orient_word.as_str());
+    let names: Vec<&str> = axes.map(|a| a.name.as_str()).chain(orient).collect();
+    let word = names.iter().find(|name| "UVW".contains(**name))?;
+    let free: Vec<&str> = ["A", "B", "C"]
+        .into_iter()
+        .filter(|name| !names.contains(name))
+        .collect();
+    Some(format!(
+        "LinuxCNC reads {word} as a linear axis: its number is one of degrees only on a machine configured in mm. Name a rotary axis A, B or C{}.",
+        free.first().map_or(String::new(), |free| format!(
+            " (the spindle: word = \"{free}\" in [machine.spindle]; {free} is free)"
+        ))
+    ))
+}
+
 fn known(name: &str, dialect: PathDialect) -> bool {
     let Some(letter) = name.chars().next() else {
         return false;
