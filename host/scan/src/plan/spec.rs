@@ -338,6 +338,14 @@ fn check_sensor(s: RawSensor, plan: &PlanWishes) -> Result<SensorSpec, ScanError
         code,
         "[sensor] receiver_mm needs three finite lengths.",
     )?;
+    need(
+        s.receiver_mm[2] < least,
+        code,
+        format!(
+            "[sensor] receiver_mm lies {} mm along the beam, beyond the nearest point of range_mm, {least}: it would stand in the part or behind it.",
+            s.receiver_mm[2]
+        ),
+    )?;
     let [low, high] = s.body_mm;
     need(
         near(&low) && near(&high) && low.iter().zip(&high).all(|(l, h)| l < h),

@@ -233,9 +233,13 @@ fn at_crossing(
             .iter()
             .any(|m| m.stands_between(from, &point.at, 0.05))
     };
-    let occluded = hidden(&pose.origin_mm)
-        || (sensor.receiver_mm != Vector3::zeros()
-            && hidden(&receiver(&pose, &sensor.receiver_mm)));
+    // Nothing stands between a point and what is behind an open surface; it is not seen from there.
+    let unreceived = || {
+        let receiver = receiver(&pose, &sensor.receiver_mm);
+        (receiver - point.at).dot(&point.normal) <= 0.0 || hidden(&receiver)
+    };
+    let occluded =
+        hidden(&pose.origin_mm) || (sensor.receiver_mm != Vector3::zeros() && unreceived());
     if occluded {
         return Err(Some(Missed {
             occluded: true,

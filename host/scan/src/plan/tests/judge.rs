@@ -110,3 +110,15 @@ fn strips_that_the_incidence_cuts_short_of_the_line_overlap_by_what_is_seen() {
         assert_eq!(found.holds, share > 0.15, "{share}: {:?}", found.faults);
     }
 }
+
+/// A plate is open: from below nothing stands between a receiver and the points above it.
+#[test]
+fn a_receiver_behind_the_surface_sees_nothing() {
+    let mut spec = upright();
+    for (along_beam, all) in [(-10.0, true), (70.0, false)] {
+        spec.sensor.receiver_mm = Vector3::new(0.0, 30.0, along_beam);
+        let (_, found) = judged_by(spec.clone(), 5, 13.0, 30.0);
+        assert_eq!(found.coverage > 0.9, all, "{}", found.coverage);
+        assert!(all || found.coverage == 0.0);
+    }
+}

@@ -134,6 +134,11 @@ fn wrong_specifications_are_refused_by_their_section() {
         ("max_step_mm = 2.0", "max_step_mm = 0", "plan_spec"),
         ("max_tilt_deg", "max_tlt_deg", "plan_spec"),
         ("line_mm = 16.0", "line_mm = -16.0", "sensor_spec"),
+        (
+            "receiver_mm = [0.0, 30.0, -10.0]",
+            "receiver_mm = [0.0, 30.0, 52.0]",
+            "sensor_spec",
+        ),
         ("reference_mm = 60.0", "reference_mm = 70.0", "sensor_spec"),
         (
             "line = [0.6, 0.8, 0]",
