@@ -4,6 +4,8 @@
 //! alone could end worse than a tight one. Beyond a share of the laser line, steps are therefore never longer, whatever is
 //! allowed; and what is not good enough is planned again with shorter ones, the better plan is kept.
 
+use std::cell::Cell;
+
 use super::super::drive::deadline::Deadline;
 use super::super::spec::ScanSpec;
 use super::result::{COVERAGE_UNREACHABLE, ScanPlan};
@@ -43,7 +45,7 @@ pub(super) struct PartSize {
 }
 
 /// The best of the plans that `plan` makes of a specification with its own and with tighter limits, and with care for the
-/// overlap where it is too little.
+/// overlap where it is too little. `skipped` becomes true where the deadline leaves no time for one of them.
 ///
 /// # Errors
 /// Those of the plan that sees the most, where none is one.
@@ -51,6 +53,7 @@ pub(super) fn best(
     spec: &ScanSpec,
     size: PartSize,
     deadline: Deadline,
+    skipped: &Cell<bool>,
     plan: impl Fn(&ScanSpec, Option<f64>) -> Result<ScanPlan, ScanError>,
 ) -> Result<ScanPlan, ScanError> {
     let part = if size.across_mm < spec.sensor.line_mm {
@@ -72,8 +75,12 @@ pub(super) fn best(
     let mut best = with([1.0, 1.0], None);
     let mut care = None;
     for spare in CARES {
+        if overlaps(spec, &best) {
+            break;
+        }
         // Judging takes its time.
-        if overlaps(spec, &best) || !deadline.lasts(begun.elapsed() * 4) {
+        if !deadline.lasts(begun.elapsed() * 4) {
+            skipped.set(true);
             break;
         }
         begun = std::time::Instant::now();
@@ -90,6 +97,7 @@ pub(super) fn best(
     for finer in FINER {
         // Shorter steps take longer: twice, about.
         if !deadline.lasts(took * 4) {
+            skipped.set(true);
             break;
         }
         let found = with(finer, care);
@@ -174,5 +182,32 @@ pub(super) fn better(
         (Ok(_), Err(_)) => true,
         (Err(_), Ok(_)) => false,
         (Err(_), Err(_)) => seen(one) > seen(other) + GAIN,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+    use std::time::{Duration, Instant};
+
+    use super::{COVERAGE_UNREACHABLE, Deadline, PartSize, ScanError, best};
+
+    #[test]
+    fn a_try_that_the_time_leaves_out_is_told() {
+        let text = include_str!("../../../../../tests/reference/plan/kinematics_ac.toml");
+        let spec = super::super::super::tests::spec(text).unwrap();
+        let size = PartSize {
+            triangles: 2,
+            across_mm: 50.0,
+        };
+        for (limit, left_out) in [(Duration::ZERO, true), (Duration::from_secs(60), false)] {
+            let skipped = Cell::new(false);
+            let deadline = Deadline::after(Instant::now(), limit);
+            let found = best(&spec, size, deadline, &skipped, |_, _| {
+                Err(ScanError::refused(COVERAGE_UNREACHABLE, "Nothing is seen."))
+            });
+            assert!(found.is_err());
+            assert_eq!(skipped.get(), left_out);
+        }
     }
 }

@@ -20,6 +20,7 @@ pub mod thin;
 pub mod unseen;
 mod ways;
 
+use std::cell::Cell;
 use std::time::{Duration, Instant};
 
 use super::drive::axes::Driver;
@@ -102,6 +103,10 @@ fn sharp_deg(spec: &ScanSpec) -> f64 {
 /// More than this share is all of a part, nearly.
 const ALL: f64 = 0.999;
 
+/// What is said where the time did not suffice for all tries.
+const SKIPPED: &str =
+    "Not all was tried within --time-limit: with more time there may be a better plan.";
+
 /// Plans a path and proves it.
 ///
 /// # Errors
@@ -175,13 +180,24 @@ fn plan_there(
         };
         planned(&shop, &charts, options)
     };
-    let found = limits::best(spec, size, deadline, |inner, care| {
-        spindle::best(inner, deadline, |spec| one(spec, care))
-    })?;
-    match found.refusal {
-        Some(refusal) if !options.allow_partial => Err(refusal),
-        _ => Ok(found),
+    let skipped = Cell::new(false);
+    let found = limits::best(spec, size, deadline, &skipped, |inner, care| {
+        spindle::best(inner, deadline, &skipped, |spec| one(spec, care))
+    });
+    let mut found = match found {
+        Ok(plan) if options.allow_partial => Ok(plan),
+        Ok(ScanPlan {
+            refusal: Some(refusal),
+            ..
+        }) => Err(refusal),
+        found => found,
+    };
+    match &mut found {
+        Ok(plan) if skipped.get() => plan.figures.warnings.push(SKIPPED.into()),
+        Err(error) if skipped.get() && error.code != "time_limit" => error.message = format!("{} {SKIPPED}", error.message),
+        _ => {}
     }
+    found
 }
 
 /// A path within the steps and turns of the workshop's specification.

@@ -6,6 +6,7 @@
 //! The line of a turning spindle lies across its course. A slope that is too steep for the beam is then seen by no course; a line that
 //! stands slanted reaches over it from the flat beside it. So where the turning one sees too little, four that stand are tried.
 
+use std::cell::Cell;
 use std::time::Instant;
 
 use super::super::drive::axes::rounded;
@@ -23,12 +24,14 @@ const STANDING_DEG: [f64; 4] = [45.0, 135.0, 0.0, 90.0];
 
 /// The best of the plans that `plan` makes with the spindle turning and, where that is not good enough, standing: at either end
 /// of its room and in its middle where it has less than a whole turn; else, where too little is seen, at [`STANDING_DEG`] from its middle.
+/// `skipped` becomes true where the deadline leaves no time for one of them.
 ///
 /// # Errors
 /// Those of the plan that sees the most, where none is one; `time_limit` where not all could be tried and none is one.
 pub(super) fn best(
     spec: &ScanSpec,
     deadline: Deadline,
+    skipped: &Cell<bool>,
     plan: impl Fn(&ScanSpec) -> Result<ScanPlan, ScanError>,
 ) -> Result<ScanPlan, ScanError> {
     let mut begun = Instant::now();
@@ -51,7 +54,11 @@ pub(super) fn best(
         };
         // Without a plan so far, an answer before all is tried would not be true; a spindle with a whole turn has one.
         let ends = best.is_ok() || !narrow;
-        if enough || (ends && !deadline.lasts(begun.elapsed() * 2)) {
+        if enough {
+            break;
+        }
+        if ends && !deadline.lasts(begun.elapsed() * 2) {
+            skipped.set(true);
             break;
         }
         begun = Instant::now();
