@@ -107,6 +107,15 @@ const ALL: f64 = 0.999;
 const SKIPPED: &str =
     "Not all was tried within --time-limit: with more time there may be a better plan.";
 
+/// What is said of a mesh whose triangles hardly hang together: every piece is planned by itself.
+fn crumbs(part: &PartMesh) -> String {
+    if part.components as usize * 10 > part.faces.len() {
+        result::pieces(part.components)
+    } else {
+        String::new()
+    }
+}
+
 /// Plans a path and proves it.
 ///
 /// # Errors
@@ -148,8 +157,12 @@ fn plan_there(
     options: PlanOptions,
     deadline: Deadline,
 ) -> Result<ScanPlan, ScanError> {
-    let charts = charts(part, sharp_deg(spec), || deadline.check())?;
-    deadline.check()?;
+    let late = |mut error: ScanError| {
+        error.message += &crumbs(part);
+        error
+    };
+    let charts = charts(part, sharp_deg(spec), || deadline.check()).map_err(late)?;
+    deadline.check().map_err(late)?;
     // Where hardly anything may go unseen, small gaps count.
     let closer = if spec.plan.min_coverage > ALL { 4 } else { 1 };
     let points = closer * sample_count(part.surface.area_mm2(), spec.sensor.line_mm);
@@ -194,7 +207,8 @@ fn plan_there(
     };
     match &mut found {
         Ok(plan) if skipped.get() => plan.figures.warnings.push(SKIPPED.into()),
-        Err(error) if skipped.get() && error.code != "time_limit" => error.message = format!("{} {SKIPPED}", error.message),
+        Err(error) if error.code == "time_limit" => error.message += &crumbs(part),
+        Err(error) if skipped.get() => error.message = format!("{} {SKIPPED}", error.message),
         _ => {}
     }
     found

@@ -258,7 +258,7 @@ fn unreachable(
 }
 
 /// What to do with a surface that a file has in pieces: each is planned by itself.
-fn pieces(components: u32) -> String {
+pub(super) fn pieces(components: u32) -> String {
     match components {
         0 | 1 => String::new(),
         n => format!(

@@ -229,3 +229,31 @@ fn the_driven_way_keeps_the_stand_off_between_the_rows() {
     let told = plan.figures.stand_off_max_mm;
     assert!(told > 0.0 && (told - most).abs() < 0.01, "{told} {most}");
 }
+
+/// Triangles that hang together nowhere take all the time there is; more of it would not help.
+#[test]
+fn a_mesh_of_loose_triangles_is_told_to_be_welded_when_the_time_is_up() {
+    let whole = height_field([8.0, 8.0], 4, |_, _| 0.0);
+    let vertices = whole
+        .faces
+        .iter()
+        .flatten()
+        .map(|&v| whole.vertices[v] + Vector3::z());
+    let mut loose = RawMesh {
+        vertices: vertices.collect(),
+        faces: (0..whole.faces.len())
+            .map(|k| [3 * k, 3 * k + 1, 3 * k + 2])
+            .collect(),
+    };
+    for (k, v) in loose.vertices.iter_mut().enumerate() {
+        v.z += 0.01 * (k / 3) as f64;
+    }
+    let mut at_once = options(false);
+    at_once.time_limit = std::time::Duration::ZERO;
+    for (raw, pieces) in [(whole, false), (loose, true)] {
+        let part = PartMesh::weld(raw, true).unwrap();
+        let error = plan(&part, &[], &upright(), at_once).unwrap_err();
+        assert_eq!(error.code, "time_limit");
+        assert_eq!(error.message.contains("weld"), pieces, "{error}");
+    }
+}
