@@ -98,6 +98,9 @@ const OVERLAP: &str = "overlap";
 /// Less way is none: axis values are rounded.
 const ON_THE_SPOT_MM: f64 = 1e-6;
 
+/// A part of less than this share of the line is more likely one of another unit.
+const FAR_TOO_SMALL: f64 = 0.3;
+
 /// The clearance is told up to this.
 const MOST_CLEARANCE_MM: f64 = 100.0;
 
@@ -139,6 +142,12 @@ pub fn proved(
         warnings.push(format!(
             "{} triangles without area were left out.",
             shop.part.dropped
+        ));
+    }
+    if shop.across_mm < FAR_TOO_SMALL * spec.sensor.line_mm {
+        warnings.push(format!(
+            "The part is {:.3} mm across, far less than the line of {} mm: is its file in mm?",
+            shop.across_mm, spec.sensor.line_mm
         ));
     }
     for fault in &found.faults {

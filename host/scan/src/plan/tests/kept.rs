@@ -43,7 +43,9 @@ fn a_small_dome_is_seen_within_a_few_degrees_a_pose() {
         spec.plan.max_turn_deg = max_turn_deg;
         spec.plan.min_coverage = 0.9;
         let dome = height_field([1.2, 1.2], 24, |x, y| (4.0 - x * x - y * y).sqrt());
-        kept(&format!("{max_turn_deg} degrees"), dome, &spec);
+        let plan = kept(&format!("{max_turn_deg} degrees"), dome, &spec);
+        let told = plan.figures.warnings.iter();
+        assert_eq!(told.filter(|w| w.contains("is its file in mm?")).count(), 1);
     }
 }
 
