@@ -41,19 +41,26 @@ fn main() -> ! {
     if let Some(taken_us) = place_us() {
         let _ = writeln!(line, "readings {CAPTURES} {taken_us}");
     }
-    for part in 0..fits::PARTS {
-        line.is_new = true;
-        // The port takes everything.
-        let _ = fits::print_part(part, &mut line);
-        line.is_new = false;
-        let _ = writeln!(line, "part {part}");
-    }
+    print_fits(&mut line);
     loop {
         cortex_m::asm::wfi();
     }
 }
 
+// Neither it nor the other needs room on the stack while the other runs.
+#[inline(never)]
+fn print_fits(line: &mut Line) {
+    for part in 0..fits::PARTS {
+        line.is_new = true;
+        // The port takes everything.
+        let _ = fits::print_part(part, line);
+        line.is_new = false;
+        let _ = writeln!(line, "part {part}");
+    }
+}
+
 /// How long the captures of a place take, from their text to its record.
+#[inline(never)]
 fn place_us() -> Option<u32> {
     let mut capturing = Capturing::begun()?;
     let began = alarms::TIMER.timerawl().read();
