@@ -167,7 +167,11 @@ pub(super) fn certainty(
     let row =
         |i: usize| -> Vector6<f64> { damping[groups.of(i)].fixed_view::<6, 6>(0, 0) * row(i) };
     let left = |i: usize| measured[i].distance_mm;
-    let extra = inverse * shared(points, on_part, sigma_mm, &left, &row) * inverse;
+    let direction = |i: usize| measured[i].direction;
+    // Where scans are told apart, their own doubts say how they differ.
+    let faces = groups.all.is_empty();
+    let of_pairs = shared(points, on_part, sigma2, &left, &direction, &row, faces);
+    let extra = inverse * of_pairs * inverse;
     // What is added must not make anything more certain.
     let (added, directions) = eigen(&extra);
     let mut cov = white;
@@ -215,7 +219,8 @@ pub(super) fn certainty(
         let sigma = sigma_mm.min(1.4826 * median(&mut all));
         let row = |i: usize| damping[groups.of(i)] * grown(i);
         let extra = if ratio > 1.0 {
-            inverse * shared(points, on_part, sigma, &left, &row) * inverse
+            let sigma2 = sigma * sigma;
+            inverse * shared(points, on_part, sigma2, &left, &direction, &row, faces) * inverse
         } else {
             SMatrix::zeros()
         };

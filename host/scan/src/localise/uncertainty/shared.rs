@@ -1,153 +1,255 @@
-//! What errors neighbours share: a covariance that falls with the distance, fitted to the products of residuals.
+//! What errors neighbours share, estimated from patches of the residuals.
+//!
+//! The points are cut into patches of equally many, each of one place and one direction. The mean of a patch's residuals
+//! shows what its points share, however many they are: errors over one millimetre in a dense cloud, and errors over the whole
+//! part below the noise. The means are taken for normal with the covariance a (1 + λ K): a patch's own part, and what
+//! patches share. Several K are tried: errors that fall with the distance, from less than a patch on, and errors of faces
+//! as a whole, as views have that are not registered well.
 //!
 //! Residuals of a fit are smaller than the errors: the pose has taken its part of them, and the more, the further they are
-//! shared. So what is compared with the data is not a covariance C(r) = s² ρ(r/L) but what the fit leaves of it,
-//! (1 − H) C (1 − H), with the fit's own H = A (AᵀA)⁻¹ Aᵀ. And few patches say little of s²: the region of 95 % is that of
-//! F with as many degrees of freedom as the patches have (Satterthwaite: tr(M)² / tr(M²)).
+//! shared. So what is compared with the data is not K but what the fit leaves of it, (1 − H) K (1 − H), with the fit's own
+//! H = A (AᵀA)⁻¹ Aᵀ: restricted maximum likelihood (Patterson and Thompson, Biometrika 58, 1971). Data rarely decide for one
+//! K and one λ: the answer is the mean over all of them, weighed by their likelihoods. And few patches say little of what is
+//! shared widely: its part is wider by about what F of six and ν degrees of freedom is wider than χ², with the ν that K
+//! leaves (Satterthwaite: tr(M)² / tr(M²)).
 
-use nalgebra::{DMatrix, SMatrix, SVector};
+use nalgebra::{DMatrix, DVector, SMatrix, SVector, SymmetricTridiagonal};
 
-use crate::localise::search::pairs::spread;
 use crate::rigid::Vec3;
 
-/// Points whose pairs are looked at, and of those the points with which a covariance is tried.
-const PAIRED: usize = 1200;
-const TRIED: usize = 300;
-/// Steps of the distance: 60 make the extent of the points.
-const BINS: usize = 24;
-const STEPS: f64 = 60.0;
-/// Lengths that are tried: the first in steps, each next one so many times as long.
-const FIRST: f64 = 1.5;
-const LONGER: f64 = 1.35;
-const LENGTHS: usize = 8;
-/// Near pairs, in steps, show whether anything is shared at all.
-const NEAR: usize = 4;
+/// Patches at most, and points that one needs.
+const PATCHES: usize = 256;
+const LEAST: usize = 4;
+/// What a difference of directions counts beside one of places, over the points' radius, where patches are cut.
+const TURNED: f64 = 3.0;
+/// Lengths that are tried: the first over the extent of the points, each next one so many times as long.
+const FIRST: f64 = 0.003;
+const LONGER: f64 = 1.8;
+const LENGTHS: i32 = 8;
+/// Of errors of faces: how far their near part reaches, and how much larger the part is that all faces of one direction have.
+const NEAR: f64 = 0.3;
+const WHOLE: f64 = 100.0;
+/// Ratios λ that are tried, so many to a decade: what K leaves, λ tr(M²) / tr(M), is 0.1 to 10⁸ times a patch's own part.
+const DECADE: i32 = 4;
+const DECADES: i32 = 8;
+/// Without need none large: the weight falls with this power of it.
+const FALLING: f64 = 2.0;
+/// Degrees of freedom are not taken for fewer.
+const FREEDOM: f64 = 3.0;
 
-/// A covariance that falls with the distance.
+/// A point, as far as this goes.
 #[derive(Clone, Copy, Debug)]
-struct Falling {
-    length_mm: f64,
-    /// As exp(−r²/L²); else as exp(−r/L).
-    smooth: bool,
+struct Sample<const N: usize> {
+    at: [f64; 6],
+    residual: f64,
+    row: SVector<f64, N>,
 }
 
-impl Falling {
-    fn at(&self, r: f64) -> f64 {
-        let x = r / self.length_mm;
-        if self.smooth {
-            (-x * x).exp()
-        } else {
-            (-x).exp()
+/// Points of about one place and one direction, as their mean.
+#[derive(Clone, Copy, Debug)]
+struct Patch<const N: usize> {
+    mean: Sample<N>,
+    /// The mean square of the distances from the middle, in a plane and one direction of it.
+    spread: f64,
+}
+
+impl<const N: usize> Patch<N> {
+    fn of(samples: &[Sample<N>]) -> Self {
+        let count = samples.len() as f64;
+        let mut mean = Sample {
+            at: [0.0; 6],
+            residual: 0.0,
+            row: SVector::zeros(),
+        };
+        for s in samples {
+            for k in 0..6 {
+                mean.at[k] += s.at[k] / count;
+            }
+            mean.residual += s.residual / count;
+            mean.row += s.row / count;
         }
+        let square =
+            |s: &Sample<N>| -> f64 { (0..3).map(|k| (s.at[k] - mean.at[k]).powi(2)).sum() };
+        let spread = samples.iter().map(square).sum::<f64>() / (2.0 * count);
+        Self { mean, spread }
     }
 }
 
-/// The sum over pairs of what their points share of each other's rows, in mm²; zero if neighbours share nothing.
-/// `residual`: what a fit has left of a point's distance, in mm; `row`: what of the fit moves it.
+/// Cuts at the median of what differs most, until there are `count` patches (a power of two).
+fn cut<const N: usize>(samples: &mut [Sample<N>], count: usize, into: &mut Vec<Patch<N>>) {
+    if count < 2 {
+        into.push(Patch::of(samples));
+        return;
+    }
+    let mut sums = [(0.0, 0.0); 6];
+    for s in &*samples {
+        for (sum, x) in sums.iter_mut().zip(s.at) {
+            sum.0 += x;
+            sum.1 += x * x;
+        }
+    }
+    let differs = |k: usize| sums[k].1 - sums[k].0 * sums[k].0 / samples.len() as f64;
+    let widest = (1..6).fold(0, |a, b| if differs(b) > differs(a) { b } else { a });
+    let half = samples.len() / 2;
+    samples.select_nth_unstable_by(half, |a, b| a.at[widest].total_cmp(&b.at[widest]));
+    let (low, high) = samples.split_at_mut(half);
+    cut(low, count / 2, into);
+    cut(high, count / 2, into);
+}
+
+/// What patches share: K, of which 1 is the mean of the diagonal.
+fn covariances<const N: usize>(patches: &[Patch<N>], faces: bool) -> Vec<DMatrix<f64>> {
+    let squares = |a: usize, b: usize, of: std::ops::Range<usize>| -> f64 {
+        let (a, b) = (&patches[a].mean.at, &patches[b].mean.at);
+        of.map(|k| (a[k] - b[k]).powi(2)).sum()
+    };
+    let count = patches.len();
+    let apart = DMatrix::from_fn(count, count, |a, b| squares(a, b, 0..3));
+    let turned = DMatrix::from_fn(count, count, |a, b| squares(a, b, 3..6) / (TURNED * TURNED));
+    let wide = DMatrix::from_fn(count, count, |a, b| {
+        2.0 * (patches[a].spread + patches[b].spread)
+    });
+    let extent = apart.max().sqrt();
+    let all = |k: &dyn Fn(f64, f64, f64) -> f64| -> DMatrix<f64> {
+        let k = DMatrix::from_fn(count, count, |a, b| {
+            k(apart[(a, b)], wide[(a, b)], turned[(a, b)])
+        });
+        let mean = k.trace() / count as f64;
+        k / mean.max(1e-300)
+    };
+    // The mean of exp(−r²/L²) over two patches, taken for normal in their planes.
+    let mut shared: Vec<DMatrix<f64>> = (0..LENGTHS)
+        .map(|step| {
+            let square = (FIRST * LONGER.powi(step) * extent).powi(2);
+            all(&|r2, wide, turned| {
+                square / (square + wide) * (-r2 / (square + wide) - turned).exp()
+            })
+        })
+        .collect();
+    if faces {
+        shared.push(all(&|r2, wide, turned| {
+            let near = (-(r2 + wide).sqrt() / (NEAR * extent)).exp();
+            (WHOLE + near) * (-0.3 * turned).exp()
+        }));
+    }
+    shared
+}
+
+/// By how much the sum over all pairs of points of what they share of each other's rows, each with itself, is more than
+/// noise of the square `sigma2` that is each point's own would make; in mm².
+/// `residual`: what a fit has left of a point's distance, in mm; `direction`: of its distance; `row`: what of the fit moves it;
+/// `faces`: whether faces may err as a whole.
 pub(in crate::localise) fn shared<const N: usize>(
     points: &[Vec3],
     on_part: &[usize],
-    sigma: f64,
+    sigma2: f64,
     residual: &impl Fn(usize) -> f64,
+    direction: &impl Fn(usize) -> Vec3,
     row: &impl Fn(usize) -> SVector<f64, N>,
+    faces: bool,
 ) -> SMatrix<f64, N, N> {
-    let pick = |most: usize| -> Vec<usize> {
-        let chosen = spread(on_part.len(), most);
-        chosen.into_iter().map(|k| on_part[k]).collect()
-    };
-    let chosen = pick(PAIRED);
-    let (low, high) = crate::surface::bounds(chosen.iter().map(|&i| &points[i]));
-    let step = (high - low).norm() / STEPS;
     let zero = SMatrix::zeros();
-    if chosen.len() < 30 || step <= 0.0 {
-        return zero;
-    }
-    let apart = |i: usize, j: usize| (points[i] - points[j]).norm();
-    let mut seen = [(0.0, 0.0); BINS];
-    for (a, &i) in chosen.iter().enumerate() {
-        for &j in &chosen[..a] {
-            let bin = (apart(i, j) / step) as usize;
-            if bin < BINS {
-                seen[bin].0 += residual(i) * residual(j);
-                seen[bin].1 += 1.0;
-            }
-        }
-    }
-    let near = |k: fn(&(f64, f64)) -> f64| seen[..NEAR].iter().map(k).sum::<f64>();
-    let (sum, count) = (near(|s| s.0), near(|s| s.1));
-    // More than chance makes of noise that is each point's own.
-    if count < 10.0 || sum < 3.0 * sigma * sigma * count.sqrt() {
-        return zero;
-    }
-    let Some((falling, square)) = fitted(&pick(TRIED), &apart, &seen, step, sigma, row) else {
+    let count = match on_part.len() / LEAST {
+        0..8 => return zero,
+        fits => PATCHES.min(1 << fits.ilog2()),
+    };
+    let Some(arm) = radius(points, on_part) else {
         return zero;
     };
-    let rows: Vec<SVector<f64, N>> = chosen.iter().map(|&i| row(i)).collect();
-    let mut extra = zero;
-    for a in 0..chosen.len() {
-        let mut others = SVector::<f64, N>::zeros();
-        for b in 0..a {
-            others += rows[b] * falling.at(apart(chosen[a], chosen[b]));
-        }
-        let pair = rows[a] * others.transpose() * square;
-        extra += pair + pair.transpose();
+    let mut samples: Vec<Sample<N>> = on_part
+        .iter()
+        .map(|&i| {
+            let (p, n) = (
+                (points[i] - points[on_part[0]]) / arm,
+                TURNED * direction(i),
+            );
+            Sample {
+                at: [p.x, p.y, p.z, n.x, n.y, n.z],
+                residual: residual(i),
+                row: row(i),
+            }
+        })
+        .collect();
+    let mut patches = Vec::with_capacity(count);
+    cut(&mut samples, count, &mut patches);
+    let each = on_part.len() as f64 / count as f64;
+    let rows = DMatrix::from_fn(count, N, |a, k| patches[a].mean.row[k]);
+    let own = rows.transpose() * &rows;
+    let Some(inverse) = own.clone().try_inverse() else {
+        return zero;
+    };
+    let taken = &rows * inverse;
+    let mut means = DVector::from_fn(count, |a, _| patches[a].mean.residual * each.sqrt());
+    means -= &taken * (rows.transpose() * &means);
+    let square = means.norm_squared();
+    if square <= 0.0 {
+        return zero;
     }
-    let more = on_part.len() as f64 / chosen.len() as f64;
-    extra * more * more
+    let freedom = (count - N) as f64;
+    // The logarithm of the likelihood, and the sum over pairs, of each covariance.
+    let own = SMatrix::from_fn(|i, j| own[(i, j)]);
+    let mut tried = vec![(
+        -0.5 * freedom * (square / freedom).ln(),
+        own * (square / freedom),
+    )];
+    for whole in covariances(&patches, faces) {
+        let left = without(&whole, &rows, &taken);
+        let (trace, squares) = (left.trace(), left.norm_squared().max(1e-300));
+        let nu = (trace * trace / squares).max(FREEDOM);
+        // The 95 % point of F, six times, over that of χ²: within 3 % of this from 8 degrees of freedom on.
+        let wider = (nu + 2.0) / (nu - 2.0);
+        let of_pairs = rows.transpose() * &whole * &rows;
+        let of_pairs: SMatrix<f64, N, N> = SMatrix::from_fn(|i, j| of_pairs[(i, j)]);
+        let (diagonal, beside) = tridiagonal(&left, &means);
+        for step in -DECADE..=DECADES * DECADE {
+            let felt = 10.0_f64.powf(f64::from(step) / f64::from(DECADE));
+            let ratio = felt * trace / squares;
+            // 1 + λK in a basis that begins with the means: its determinant and the first element of its inverse.
+            let (mut log, mut last) = (0.0, f64::INFINITY);
+            for k in (0..diagonal.len()).rev() {
+                let off = beside.get(k).map_or(0.0, |b| ratio * b);
+                last = (1.0 + ratio * diagonal[k] - off * off / last).max(1e-12);
+                log += last.ln();
+            }
+            let a = square / last / freedom;
+            let likely = -0.5 * (freedom * a.ln() + log) - FALLING * felt.ln_1p();
+            tried.push((likely, (own + of_pairs * (ratio * wider)) * a));
+        }
+    }
+    let best = tried.iter().map(|t| t.0).fold(f64::NEG_INFINITY, f64::max);
+    let weights: f64 = tried.iter().map(|t| (t.0 - best).exp()).sum();
+    let mean: SMatrix<f64, N, N> = tried
+        .iter()
+        .map(|t| t.1 * ((t.0 - best).exp() / weights))
+        .sum();
+    (mean - own * sigma2) * each
 }
 
-/// The covariance of which the fit leaves what is seen, and its square at no distance in mm².
-fn fitted<const N: usize>(
-    few: &[usize],
-    apart: &impl Fn(usize, usize) -> f64,
-    seen: &[(f64, f64); BINS],
-    step: f64,
-    sigma: f64,
-    row: &impl Fn(usize) -> SVector<f64, N>,
-) -> Option<(Falling, f64)> {
-    let n = few.len();
-    let rows = DMatrix::from_fn(n, N, |a, k| row(few[a])[k]);
-    let inverse = (rows.transpose() * &rows).try_inverse()?;
-    let taken = &rows * inverse;
-    let distance = DMatrix::from_fn(n, n, |a, b| apart(few[a], few[b]));
-    let mut best: Option<(f64, Falling, f64, DMatrix<f64>)> = None;
-    for smooth in [true, false] {
-        for k in 0..LENGTHS {
-            let length_mm = FIRST * LONGER.powi(k as i32) * step;
-            let falling = Falling { length_mm, smooth };
-            let whole = distance.map(|r| falling.at(r));
-            let left = without(&whole, &rows, &taken);
-            let mut of = [(0.0, 0.0); BINS];
-            for a in 0..n {
-                for b in 0..a {
-                    let bin = (distance[(a, b)] / step) as usize;
-                    if bin < BINS {
-                        of[bin].0 += left[(a, b)];
-                        of[bin].1 += 1.0;
-                    }
-                }
-            }
-            let pairs = || {
-                seen.iter()
-                    .zip(&of)
-                    .filter(|(s, o)| s.1 > 0.0 && o.1 > 0.0)
-                    .map(|(s, o)| (s.1, s.0 / s.1, o.0 / o.1))
-            };
-            let both: f64 = pairs().map(|(w, s, o)| w * s * o).sum();
-            let own: f64 = pairs().map(|(w, _, o)| w * o * o).sum();
-            let square = both / own.max(1e-300);
-            let misfit: f64 = pairs().map(|(w, s, o)| w * (s - square * o).powi(2)).sum();
-            if square > 0.0 && best.as_ref().is_none_or(|b| misfit < b.0) {
-                best = Some((misfit, falling, square, left));
-            }
-        }
-    }
-    let (_, falling, square, left) = best?;
-    let trace = left.trace();
-    let freedom = (trace * trace / left.norm_squared().max(1e-300)).max(4.0);
-    // The 95 % point of F, six times, over that of χ²: within 3 % of this from 8 degrees of freedom on.
-    let wider = (freedom + 2.0) / (freedom - 2.0);
-    Some((falling, square.min(4.0 * sigma * sigma) * wider))
+/// The root of the mean squared distance from the middle, in mm; none if there is no extent.
+fn radius(points: &[Vec3], on_part: &[usize]) -> Option<f64> {
+    let first = points[*on_part.first()?];
+    let count = on_part.len() as f64;
+    let middle = on_part.iter().map(|&i| points[i] - first).sum::<Vec3>() / count;
+    let squares = |&i: &usize| (points[i] - first - middle).norm_squared();
+    let radius = (on_part.iter().map(squares).sum::<f64>() / count).sqrt();
+    (radius > 0.0).then_some(radius)
+}
+
+/// A symmetric matrix in an orthonormal basis that begins with `first`: its diagonal, and what stands beside that.
+fn tridiagonal(matrix: &DMatrix<f64>, first: &DVector<f64>) -> (Vec<f64>, Vec<f64>) {
+    let count = first.len();
+    // Householder's reflections, begun with a column that `first` borders the matrix with.
+    let mut bordered = DMatrix::zeros(count + 1, count + 1);
+    bordered.view_mut((1, 1), (count, count)).copy_from(matrix);
+    bordered.view_mut((1, 0), (count, 1)).copy_from(first);
+    bordered
+        .view_mut((0, 1), (1, count))
+        .copy_from(&first.transpose());
+    let (diagonal, beside) = SymmetricTridiagonal::new(bordered).unpack_tridiagonal();
+    (
+        diagonal.as_slice()[1..].to_vec(),
+        beside.as_slice()[1..].to_vec(),
+    )
 }
 
 /// (1 − H) C (1 − H), with H = `taken` · `rows`ᵀ.
