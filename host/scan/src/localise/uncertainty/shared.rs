@@ -9,7 +9,7 @@
 //! Residuals of a fit are smaller than the errors: the pose has taken its part of them, and the more, the further they are
 //! shared. So what is compared with the data is not K but what the fit leaves of it, (1 − H) K (1 − H), with the fit's own
 //! H = A (AᵀA)⁻¹ Aᵀ: restricted maximum likelihood (Patterson and Thompson, Biometrika 58, 1971). Data rarely decide for one
-//! K and one λ: the answer is the mean over all of them, weighed by their likelihoods. And few patches say little of what is
+//! K and one λ: the answer is the mean over all of them, weighed by their likelihoods; if none is evidently better than K = 0, that. And few patches say little of what is
 //! shared widely: its part is wider by about what F of six and ν degrees of freedom is wider than χ², with the ν that K
 //! leaves (Satterthwaite: tr(M)² / tr(M²)).
 
@@ -29,11 +29,16 @@ const LENGTHS: i32 = 8;
 /// Of errors of faces: how far their near part reaches, and how much larger the part is that all faces of one direction have.
 const NEAR: f64 = 0.3;
 const WHOLE: f64 = 100.0;
+/// How fast that part falls with the directions' difference, beside how fast the nearer ones do.
+const ALIKE: f64 = 0.3;
 /// Ratios λ that are tried, so many to a decade: what K leaves, λ tr(M²) / tr(M), is 0.1 to 10⁸ times a patch's own part.
 const DECADE: i32 = 4;
 const DECADES: i32 = 8;
 /// Without need none large: the weight falls with this power of it.
 const FALLING: f64 = 2.0;
+/// By so much the logarithm of the likelihood must be better than that of noise of each point's own before anything is taken
+/// for shared: white noise comes near it once in some hundred scans, and what is less evident is small beside it.
+const EVIDENT: f64 = 3.0;
 /// Degrees of freedom are not taken for fewer.
 const FREEDOM: f64 = 3.0;
 
@@ -129,7 +134,7 @@ fn covariances<const N: usize>(patches: &[Patch<N>], faces: bool) -> Vec<DMatrix
     if faces {
         shared.push(all(&|r2, wide, turned| {
             let near = (-(r2 + wide).sqrt() / (NEAR * extent)).exp();
-            (WHOLE + near) * (-0.3 * turned).exp()
+            (WHOLE + near) * (-ALIKE * turned).exp()
         }));
     }
     shared
@@ -217,6 +222,10 @@ pub(in crate::localise) fn shared<const N: usize>(
         }
     }
     let best = tried.iter().map(|t| t.0).fold(f64::NEG_INFINITY, f64::max);
+    let alone = tried[0];
+    if best < alone.0 + EVIDENT {
+        return (alone.1 - own * sigma2) * each;
+    }
     let weights: f64 = tried.iter().map(|t| (t.0 - best).exp()).sum();
     let mean: SMatrix<f64, N, N> = tried
         .iter()
