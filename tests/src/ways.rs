@@ -510,16 +510,17 @@ fn carried_out(program: &str, run: u32) -> String {
     }
 }
 
-/// The session on a board, each so manyth way of it: a page of what was done, judged, and read.
+/// The session on a board, or the ways of it whose numbers are chosen: a page of what was done, judged, and read. A way
+/// goes on from the one before, unless it sets a job.
 ///
 /// # Panics
 /// As a test does.
 #[must_use]
-pub fn page(rig: &mut dyn Rig, every: usize) -> String {
+pub fn page(rig: &mut dyn Rig, chosen: fn(usize) -> bool) -> String {
     let mut client = connect(rig);
     let mut page = String::new();
     let (mut verdicts, mut bytes) = (0, 0);
-    for (number, (name, steps)) in (1..).zip(ways()).step_by(every) {
+    for (number, (name, steps)) in (1..).zip(ways()).filter(|(number, _)| chosen(*number)) {
         let _ = writeln!(page, "\n{number}. {name}\n");
         for step in steps {
             if let Step::Stops(_, message) = &step {
