@@ -89,9 +89,9 @@ pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
     console::progress(&format!("runs: {}", names.join(", ")));
     if arguments.only.is_empty() {
         console::progress(if arguments.quick {
-            "takes about 5 min on two cores if nothing is compiled yet"
+            "takes about 20 min on two cores if nothing is compiled yet"
         } else {
-            "takes about 40 min on two cores if nothing is compiled yet"
+            "takes about 30 min on two cores if nothing is compiled yet"
         });
     }
     let steps = steps
