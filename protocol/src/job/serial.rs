@@ -35,7 +35,7 @@ pub const USUAL_BAUD: [u32; 11] = [
     9600, 19_200, 4800, 115_200, 38_400, 57_600, 2400, 1200, 230_400, 600, 300,
 ];
 
-/// Characters of a full line within which a UART that begins in the midst of one has found where they begin.
+/// A UART that is opened in the midst of a text without a pause hears it right within so many characters.
 pub const ALIGNING_CHARACTERS: u64 = 80;
 
 /// The line to the control, as a job gives it: what is absent is as the control's family has it.
