@@ -2,10 +2,9 @@
 //! decisions must be those of the journal, bit for bit.
 
 use umi_core::brain::{Brain, Output};
-use umi_core::job::{Teaching, touch_begins_anew};
+use umi_core::job::{Teaching, begins_anew};
 use umi_core::units::Micros;
 use umi_protocol::fault::{Fault, FaultCode};
-use umi_protocol::latch::LatchCause;
 use umi_protocol::message::{MAX_RECORD, Record, TeachBy, TeachWhat};
 use umi_protocol::schema::max_len;
 
@@ -159,8 +158,7 @@ impl Replay {
             Record::Latch(latch) => {
                 if let Some(brain) = &mut self.brain {
                     brain.latched(latch);
-                    let is_touch = latch.cause == LatchCause::Skip;
-                    self.taken_back |= is_touch && brain.job().is_some_and(touch_begins_anew);
+                    self.taken_back |= brain.job().is_some_and(|job| begins_anew(job, latch));
                 }
                 self.nothing_expected()
             }

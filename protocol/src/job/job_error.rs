@@ -262,6 +262,8 @@ pub enum Field {
     SkipHoldOffMs,
     #[strum(serialize = "skip.delay_us")]
     SkipDelayUs,
+    #[strum(serialize = "skip.each_hit")]
+    SkipEachHit,
     #[strum(serialize = "again.within_mm")]
     Again,
 }

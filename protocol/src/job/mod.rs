@@ -15,7 +15,7 @@ use heapless::{String, Vec};
 use postcard_derive::Schema;
 use serde::{Deserialize, Serialize};
 
-use crate::latch::SignalLevel;
+use crate::latch::{LatchCause, SignalLevel};
 use pattern::ReceiverConfig;
 use serial::LineSpec;
 
@@ -447,6 +447,7 @@ pub struct WitnessSpec {
 /// min_width_us = 5       # what is narrower is a spark
 /// hold_off_ms = 20       # the line rests so long before a touch
 /// delay_us = 12.5        # from the probe to the board's input: isolator, interface
+/// each_hit = true        # a hit that is printed without a touch is refused
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Schema)]
 #[postcard(crate = crate)]
@@ -461,6 +462,9 @@ pub struct SkipSpec {
     /// The constant delay of the signal until the board's input, microseconds: the way at the
     /// gauging feed in it is taken off each touch.
     pub delay_us: f64,
+    /// Each hit needs its touch on this line: before its own line, or, of a block, before the
+    /// block's first line. It needs no encoders.
+    pub each_hit: bool,
 }
 
 impl SkipSpec {
@@ -470,6 +474,15 @@ impl SkipSpec {
         match self.min_width_us {
             Some(us) => us,
             None => 5,
+        }
+    }
+
+    /// The edge by which a touch begins.
+    #[must_use]
+    pub const fn touches_by(&self) -> LatchCause {
+        match self.active {
+            SignalLevel::High => LatchCause::Skip,
+            SignalLevel::Low => LatchCause::SkipEnd,
         }
     }
 

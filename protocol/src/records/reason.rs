@@ -723,6 +723,22 @@ pub enum Reason {
         /// The datum feature that came last.
         name: Name,
     },
+    /// Hits were printed that nobody has touched.
+    #[error(
+        "{hits} hits were printed, the skip line showed {touches} touches: text that was not probed now, or the skip line is not seen; touch the probe by hand while `umi watch` runs, check the wire and `skip.active`"
+    )]
+    Untouched {
+        /// Hits that were printed.
+        hits: u16,
+        /// Those of them that had a touch; of a block, the touches before it.
+        touches: u16,
+    },
+    /// A remark: each hit had its touch.
+    #[error("each of the {hits} hits had its touch on the skip line")]
+    Touched {
+        /// Hits of the setup.
+        hits: u16,
+    },
 }
 
 /// Why a fit or a registration was refused.

@@ -711,6 +711,7 @@ fn job() -> Job {
             min_width_us: Some(8),
             hold_off_ms: None,
             delay_us: 12.5,
+            each_hit: true,
         },
         again: Some(AgainSpec { within_mm: 0.008 }),
     }

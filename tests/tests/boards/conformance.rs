@@ -10,6 +10,7 @@ use umi_client::board::link::Client;
 use umi_client::programs;
 use umi_protocol::frame::{MAX_HOST_FRAME, encode};
 use umi_protocol::hello::Hello;
+use umi_protocol::job::SkipSpec;
 use umi_protocol::latch::{LatchCause, LatchReport, TriggerOut, TriggerPulse, TriggerRefusal};
 use umi_protocol::message::{Event, Record, Request, ResetReason};
 use umi_protocol::pattern::Handshake;
@@ -27,6 +28,7 @@ umi_tests::on_every_board! {
     stops_within_ten_characters
     refuses_a_damaged_setup
     a_touch_takes_an_unread_correction_back
+    refuses_text_that_was_not_probed
     latches_skips_and_triggers_with_their_positions
     sums_up_a_scan_after_a_quiet_second
     sends_pulses_along_an_axis
@@ -169,6 +171,53 @@ fn a_touch_takes_an_unread_correction_back(rig: &mut dyn Rig) {
         let status = client.status().unwrap();
         (!status.correction_waiting).then_some(())
     });
+    rig.control_sends(DC1);
+    receive_text(rig, &alarm());
+}
+
+/// Skip line and text, no encoders: a setup whose blocks had their touches is OK; one that is only
+/// printed, as a recording, is NG.
+fn refuses_text_that_was_not_probed(rig: &mut dyn Rig) {
+    let mut client = connect(rig);
+    let mut job = job();
+    job.skip = SkipSpec {
+        // A rig's pulses are as short as its board can see.
+        min_width_us: Some(0),
+        hold_off_ms: Some(1),
+        each_hit: true,
+        ..SkipSpec::default()
+    };
+    client.set_job(&job).unwrap().unwrap();
+    let text = clamping(0);
+    let starts: Vec<usize> = text.match_indices("SPHERE").map(|(at, _)| at).collect();
+    assert_eq!(starts.len(), 3);
+    let ends = starts.iter().skip(1).copied().chain([text.len()]);
+    for (block, (start, end)) in (1..).zip(starts.iter().zip(ends)) {
+        for hit in 0..5 {
+            let skips = (block - 1) * 5 + hit + 1;
+            // From hit to hit: longer than the hold-off.
+            rig.move_to(&[i64::from(skips); 3]);
+            rig.skip();
+            until(rig, "the touch", |_| {
+                let status = client.status().unwrap();
+                (status.latches.skips == skips).then_some(())
+            });
+        }
+        rig.control_sends(&text.as_bytes()[*start..end]);
+        until(rig, "the block", |_| {
+            let (records, _) = journal(&mut client);
+            let features = records.iter().filter(|r| matches!(r, Record::Feature(_)));
+            (features.count() == block as usize).then_some(())
+        });
+    }
+    let status = judged(rig, &mut client, 1);
+    assert_eq!(status.verdicts_ok, 1, "{:?}", client.verdict());
+    rig.control_sends(clamping(1).as_bytes());
+    let status = judged(rig, &mut client, 2);
+    assert_eq!(status.verdicts_ok, 1);
+    let verdict = client.verdict().unwrap().unwrap();
+    let codes: Vec<_> = verdict.reasons.iter().map(|r| r.reason.code()).collect();
+    assert_eq!(codes, ["untouched"; 3]);
     rig.control_sends(DC1);
     receive_text(rig, &alarm());
 }

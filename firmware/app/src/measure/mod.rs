@@ -39,7 +39,7 @@ pub use opening::{Boot, Opened, StorageAreas};
 
 use heapless::Vec;
 use umi_core::brain::Brain;
-use umi_core::job::touch_begins_anew;
+use umi_core::job::{begins_anew, judges_touches};
 use umi_core::journal::Flash;
 use umi_core::programs::Store;
 use umi_core::trust::access::update::slots::Slots;
@@ -99,9 +99,11 @@ impl<F: Flash> Instrument<F> {
         let Self { brain, ledger, .. } = self;
         if let Input::Latch(latch) = input
             && latch.cause == LatchCause::SkipEnd
-            && brain.job().is_none_or(|job| job.witness.is_none())
+            && brain.job().is_none_or(|job| {
+                !judges_touches(job) && job.skip.touches_by() != LatchCause::SkipEnd
+            })
         {
-            // Nobody judges touches: the end of one would be one more write of the flash.
+            // Nobody looks at it: the end of a touch would be one more write of the flash.
             return;
         }
         ledger.heads.came(now);
@@ -124,7 +126,7 @@ impl<F: Flash> Instrument<F> {
             // correction is armed anyway.
             Input::Latch(latch) => {
                 brain.latched(latch);
-                if latch.cause == LatchCause::Skip && brain.job().is_some_and(touch_begins_anew) {
+                if brain.job().is_some_and(|job| begins_anew(job, latch)) {
                     ledger.forget();
                 }
             }

@@ -3,9 +3,10 @@
 
 use umi_protocol::job::{
     Approach, Closing, Compensation, CorrectionSpec, FeatureKind, FeatureSpec, Guards, Job, Limits,
-    MAX_DATUMS, MAX_HITS, Name, Reference, SkipSpec, Teach, WitnessSpec,
+    MAX_DATUMS, MAX_HITS, Name, Reference, Teach, WitnessSpec,
 };
 use umi_protocol::job_error::{Field, JobError};
+use umi_protocol::latch::LatchReport;
 use umi_protocol::pattern::{Coding, LinePattern};
 use umi_protocol::reason::Reason;
 use umi_protocol::serial::{LEAST_BAUD, MOST_BAUD};
@@ -175,14 +176,19 @@ fn check_skip(job: &Job) -> Result<(), JobError> {
     if !(0.0..=100_000.0).contains(&skip.delay_us) {
         return Err(bad(Field::SkipDelayUs, None, skip.delay_us));
     }
-    if job.witness.is_none() && *skip != SkipSpec::default() {
-        // Nothing is latched for anything then.
-        return Err(JobError::Missing {
-            field: Field::CountsPerMm,
-            feature: None,
-        });
-    }
-    Ok(())
+    // What nobody looks at guards nothing.
+    let missing = if job.witness.is_none() && skip.delay_us != 0.0 {
+        // A way is taken off positions, and these are the encoders'.
+        Field::CountsPerMm
+    } else if !judges_touches(job) && (skip.min_width_us.is_some() || skip.hold_off_ms.is_some()) {
+        Field::SkipEachHit
+    } else {
+        return Ok(());
+    };
+    Err(JobError::Missing {
+        field: missing,
+        feature: None,
+    })
 }
 
 fn check_again(job: &Job) -> Result<(), JobError> {
@@ -399,12 +405,24 @@ const fn is_printed_later(pattern: &LinePattern) -> bool {
     matches!(pattern, LinePattern::Block(_) | LinePattern::RingCsv(_))
 }
 
+/// Whether the probe's touches are judged: by where the axes were, or only whether there was one.
+#[must_use]
+pub fn judges_touches(job: &Job) -> bool {
+    job.witness.is_some() || job.skip.each_hit
+}
+
 /// Whether a touch of the probe behind a verdict says that another setup is being probed: where
 /// features are printed when they have been touched, the probe is free when a verdict comes. Not
 /// asked where runs have numbers, which say it better.
 #[must_use]
 pub fn touch_begins_anew(job: &Job) -> bool {
     job.guards.run_variable.is_none() && job.receiver.patterns.iter().all(is_printed_later)
+}
+
+/// Whether this capture is such a touch: what was released before it is taken back.
+#[must_use]
+pub fn begins_anew(job: &Job, latch: &LatchReport) -> bool {
+    latch.cause == job.skip.touches_by() && touch_begins_anew(job)
 }
 
 /// Whether each run can say its number: by checked lines, or by those of O8811 (`umi_start`)

@@ -19,6 +19,9 @@ pub struct Collecting {
     pub in_block: bool,
     /// Hits beyond those that found room.
     pub excess: u16,
+    /// Hits that had a touch of the skip line; of a block, touches before it. None where nobody
+    /// looks at them.
+    pub touches: u16,
 }
 
 impl Collecting {
@@ -30,6 +33,7 @@ impl Collecting {
             reasons: Reasons::new(),
             in_block,
             excess: 0,
+            touches: 0,
         }
     }
 

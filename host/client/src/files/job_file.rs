@@ -316,6 +316,7 @@ const fn allowed(field: Field) -> &'static str {
         Field::SkipMinWidthUs => "give 0 to 10000 microseconds",
         Field::SkipHoldOffMs => "give 1 to 1000 milliseconds",
         Field::SkipDelayUs => "give 0 to 100000 microseconds",
+        Field::SkipEachHit => "give true: without it and without `[witness]` no touch is looked at",
         Field::Again => {
             "give a length above 0, and with it at least one sphere of 6 hits or more whose `approach` begins and ends alike"
         }

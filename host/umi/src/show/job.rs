@@ -15,7 +15,7 @@ use crate::show::terminal::{CAUTION, FAINT, TITLE, Table, count, fixed, paint};
 use serde_json::{Value, json};
 use umi_client::job::guards::{ASSUMED_RADIUS_MM, GuardTable, SeenFrom};
 use umi_core::correction::dialect::{form, is_read_back};
-use umi_core::job::moves_something;
+use umi_core::job::{judges_touches, moves_something};
 
 /// What a job probes, judges and sends.
 #[must_use]
@@ -49,6 +49,8 @@ pub fn text(job: &Job) -> String {
             let title = if number == 0 { "second witness" } else { "" };
             general.row([title, said]);
         }
+    }
+    if judges_touches(job) {
         let skip = &job.skip;
         let rests = match skip.active {
             SignalLevel::High => "low",
@@ -61,6 +63,9 @@ pub fn text(job: &Job) -> String {
             skip.delay_us
         );
         general.row(["skip line", &said]);
+        if skip.each_hit {
+            general.row(["", "a hit that is printed without a touch is refused"]);
+        }
     }
     text += &format!("{general}\n");
     text += &format!("{}\n", features(job));

@@ -110,7 +110,7 @@ impl EdgePins {
         // In this order: of a stamp that was dropped before now, the edge is found.
         let dropped = pio::stamps_dropped(EVENTS_MACHINE);
         let pins = (INDEX..).take(INDEXED);
-        let marks = pio::edges(pins) >> WATCHED;
+        let marks = pio::edges(pins).rises >> WATCHED;
         // A stamp is dropped some cycles after its edge, which may lie before a look.
         let before = core::mem::replace(&mut self.marks, marks);
         dropped.then_some(Rises {

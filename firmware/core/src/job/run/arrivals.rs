@@ -12,6 +12,7 @@ use crate::job::check::touches_again;
 use crate::job::collecting::Collecting;
 use crate::job::feature;
 use crate::job::reasons::{Reasons, add};
+use crate::job::witness::skip::SkipLine;
 use crate::units::Micros;
 
 #[derive(Debug, Default)]
@@ -41,10 +42,14 @@ pub(super) enum Belongs {
 }
 
 impl Run {
-    /// The probe's skip line rose and the axes were latched.
+    /// The probe's skip line changed and the axes were latched. A later touch before the line
+    /// takes its place: the slow touch after the fast one.
     pub fn latched(&mut self, latch: &LatchReport) {
-        if let Some(witness) = self.witness.get_mut() {
-            witness.latched(latch);
+        if let Some(skip) = self.skip.get_mut() {
+            // Without encoders it only matters that there was a touch.
+            let nowhere = Some([0.0; 3]);
+            let mm = (self.witness.get()).map_or(nowhere, |witness| witness.mm(latch));
+            skip.latched(latch, mm);
         }
     }
 
@@ -53,8 +58,14 @@ impl Run {
     pub fn block_start(&mut self, name: &str, now: Micros, out: &mut impl FnMut(Decision<'_>)) {
         self.finish_unfinished(out);
         self.last_hit = now;
+        // Its touches are over: what comes while it is printed belongs to the next.
+        let touches = self.skip.get_mut().map_or(0, SkipLine::count);
         match self.place_of(|feature| feature.name == name) {
-            Some(feature) => self.collecting.put(Collecting::new(feature, true)),
+            Some(feature) => {
+                let mut block = Collecting::new(feature, true);
+                block.touches = touches;
+                self.collecting.put(block);
+            }
             None => self.unknown(name),
         }
     }
@@ -107,7 +118,12 @@ impl Run {
             };
             add(&mut collecting.reasons, reason);
         }
-        let seen = self.witness.get_mut().map(|w| w.pair(hit));
+        let touch = match (collecting.in_block, self.skip.get_mut()) {
+            (false, Some(skip)) => skip.take(),
+            _ => None,
+        };
+        collecting.touches = collecting.touches.saturating_add(touch.is_some().into());
+        let seen = self.witness.get().map(|w| w.pair(touch, hit));
         collecting.take(spec, hit, seen);
         if !collecting.in_block && collecting.hits.len() >= usize::from(spec.hits) {
             self.finish(out);
@@ -236,6 +252,10 @@ impl Run {
             let got = got.saturating_add(*excess);
             add(&mut reasons, Reason::WrongCount { got, expected });
         }
+        let touches = collecting.touches;
+        if job.skip.each_hit && touches < got {
+            add(&mut reasons, Reason::Untouched { hits: got, touches });
+        }
         let again = job.again.filter(|_| touches_again(spec));
         feature::find_duplicates(hits, again.is_some(), &mut reasons);
         if let Some(again) = again
@@ -302,7 +322,8 @@ impl Run {
             return Belongs::NextSetup;
         };
         // Printed again and not touched again, it has no latches.
-        let same = |one: &&Reason| !matches!(one, Reason::NotLatched { .. });
+        let same =
+            |one: &&Reason| !matches!(one, Reason::NotLatched { .. } | Reason::Untouched { .. });
         let reasons =
             |of: &'_ FeatureResult| of.reasons.iter().filter(same).cloned().collect::<Reasons>();
         if earlier.points_mm == result.points_mm && reasons(earlier) == reasons(result) {

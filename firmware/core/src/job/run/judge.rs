@@ -14,6 +14,8 @@ use crate::job::check::{closing, datums, fixed, moves_something, not_guarded, pl
 use crate::job::scatter::Scatter;
 use crate::job::setup;
 use crate::job::setup::DatumPoints;
+use crate::job::witness::Witness;
+use crate::job::witness::skip::Chatter;
 use crate::units::Point;
 
 impl Run {
@@ -35,6 +37,7 @@ impl Run {
                     | Reason::OfRun { .. }
                     | Reason::Witnessed { .. }
                     | Reason::WitnessLearned
+                    | Reason::Touched { .. }
                     | Reason::SkipChatter { .. }
             )
         });
@@ -404,12 +407,12 @@ impl Run {
             }
             self.remark(Reason::OfRun { run });
         }
-        if verdict.ok
-            && let Some(witness) = self.witness.get_mut()
-        {
-            for remark in witness.conclude().into_iter().flatten() {
+        if verdict.ok {
+            let witness = self.witness.get_mut().map(Witness::conclude);
+            for remark in witness.into_iter().flatten().flatten() {
                 let _ = self.remarks.push(remark);
             }
+            self.remark_touches();
         }
         for reason in self.remarks.iter().cloned() {
             setup::add_remark(verdict, reason);
@@ -424,6 +427,22 @@ impl Run {
             if job.guards.frame && self.reference.is_some() && !is_known {
                 setup::add_remark(verdict, Reason::LengthNotGuarded);
             }
+        }
+    }
+
+    /// What the skip line shows of a setup that is OK: that each hit was touched, and what was
+    /// no touch of its own.
+    fn remark_touches(&mut self) {
+        let Some(skip) = self.skip.get_mut() else {
+            return;
+        };
+        let Chatter { bounces, sparks } = skip.chatter();
+        if bounces > 0 || sparks > 0 {
+            let _ = self.remarks.push(Reason::SkipChatter { bounces, sparks });
+        }
+        if self.job.get().is_some_and(|job| job.skip.each_hit) {
+            let hits = self.features().iter().map(|feature| feature.hits).sum();
+            let _ = self.remarks.push(Reason::Touched { hits });
         }
     }
 

@@ -35,10 +35,11 @@ use umi_protocol::job::{FeatureSpec, Job, Lessons, MAX_FEATURES, Name, Reference
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::Verdict;
 
-use super::check::datums;
+use super::check::{datums, judges_touches};
 use super::collecting::Collecting;
 use super::setup::DatumPoints;
 use super::witness::Witness;
+use super::witness::skip::SkipLine;
 use crate::dprnt::Moved;
 use crate::units::{Micros, Point};
 use crate::zero_option::ZeroOption;
@@ -127,6 +128,8 @@ pub struct Run {
     verdict: ZeroOption<Verdict>,
     /// This setup became the reference.
     taught_here: bool,
+    /// The probe's skip line, where touches are judged.
+    skip: ZeroOption<SkipLine>,
     /// The encoders' side of the hits.
     witness: ZeroOption<Witness>,
 }
@@ -175,6 +178,7 @@ impl Run {
             last_hit: Micros(0),
             verdict: ZeroOption::empty(),
             taught_here: false,
+            skip: ZeroOption::empty(),
             witness: ZeroOption::empty(),
         }
     }
@@ -219,6 +223,7 @@ impl Run {
             last_hit,
             verdict,
             taught_here,
+            skip,
             witness,
         } = self;
         *reference = (job.reference == Reference::Given).then(|| {
@@ -249,6 +254,10 @@ impl Run {
         *last_hit = Micros(0);
         verdict.clear();
         *taught_here = false;
+        skip.clear();
+        if judges_touches(&job) {
+            skip.put(SkipLine::new(&job.skip));
+        }
         witness.clear();
         if let Some(spec) = job.witness {
             witness.put(Witness::new(spec, &job.skip));

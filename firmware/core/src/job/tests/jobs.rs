@@ -102,6 +102,59 @@ fn bad_jobs_are_refused() {
     assert_eq!(check(&job()), Ok(()));
 }
 
+/// Settings of the skip line that nothing looks at are refused with what would look at them.
+#[test]
+fn the_skip_line_needs_who_looks_at_it() {
+    let with = |skip| {
+        let mut job = job();
+        job.skip = skip;
+        match crate::job::check(&job) {
+            Ok(()) => "",
+            Err(JobError::Missing { field, .. }) => field.name(),
+            other => panic!("{other:?}"),
+        }
+    };
+    let each_hit = SkipSpec {
+        each_hit: true,
+        ..SkipSpec::default()
+    };
+    for (skip, missing) in [
+        (each_hit, ""),
+        (
+            SkipSpec {
+                hold_off_ms: Some(5),
+                min_width_us: Some(8),
+                ..each_hit
+            },
+            "",
+        ),
+        (
+            SkipSpec {
+                hold_off_ms: Some(5),
+                ..SkipSpec::default()
+            },
+            "skip.each_hit",
+        ),
+        (
+            SkipSpec {
+                delay_us: 12.0,
+                ..each_hit
+            },
+            "witness.counts_per_mm",
+        ),
+        // A touch takes an unread correction back, whatever judges it.
+        (
+            SkipSpec {
+                active: SignalLevel::Low,
+                ..SkipSpec::default()
+            },
+            "",
+        ),
+    ] {
+        assert_eq!(with(skip), missing);
+    }
+}
+
 /// A line that no control has, and seven bits without their parity, are refused by name.
 #[test]
 fn lines_are_checked() {

@@ -10,11 +10,11 @@ use umi_protocol::fault::{BlockEndCause, FaultKind};
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::{
     Approach, Closing, Compensation, CorrectionSpec, Dialect, FeatureKind, FeatureSpec, Guards,
-    Job, LearnedLimits, Limits, ProgramEnd, Reference, SendWhen, Teach, WarmthSpec, WitnessSpec,
-    WorkOffset,
+    Job, LearnedLimits, Limits, ProgramEnd, Reference, SendWhen, SkipSpec, Teach, WarmthSpec,
+    WitnessSpec, WorkOffset,
 };
 use umi_protocol::job_error::JobError;
-use umi_protocol::latch::{LatchCause, LatchReport};
+use umi_protocol::latch::{LatchCause, LatchReport, SignalLevel};
 use umi_protocol::pattern::{BlockPattern, CheckedPattern, LinePattern, ReceiverConfig};
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::Verdict;
@@ -197,16 +197,20 @@ fn feed(run: &mut Run, outcome: &mut Outcome, name: &str, points: &[[f64; 3]], a
     for point in points {
         run.hit(&hit(*point), now, &mut |d| outcome.take(d));
     }
-    let got = u16::try_from(points.len()).unwrap();
-    let end = BlockEnd {
+    let end = block_end(name, points.len(), announced);
+    run.block_end(&end, now, &mut |d| outcome.take(d));
+}
+
+fn block_end(name: &str, got: usize, announced: u16) -> BlockEnd {
+    let got = u16::try_from(got).unwrap();
+    BlockEnd {
         name: name.try_into().unwrap(),
         expected: Some(announced),
         got,
         damaged: 0,
         complete: got == announced,
         ended_by: BlockEndCause::Count,
-    };
-    run.block_end(&end, now, &mut |d| outcome.take(d));
+    }
 }
 
 fn run_blocks(job: Job, blocks: &[Block]) -> Outcome {

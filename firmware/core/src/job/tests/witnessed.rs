@@ -119,3 +119,123 @@ fn a_repeat_without_latches_is_dropped() {
     }
     assert_eq!(outcome.summary(), ["OK"]);
 }
+
+/// A touch of the probe on a board without encoders.
+fn touches(run: &mut Run, t_ns: u64, active: SignalLevel) {
+    let both = match active {
+        SignalLevel::High => [LatchCause::Skip, LatchCause::SkipEnd],
+        SignalLevel::Low => [LatchCause::SkipEnd, LatchCause::Skip],
+    };
+    for (cause, after_ns) in both.into_iter().zip([0, 30_000_000]) {
+        run.latched(&LatchReport {
+            number: 0,
+            cause,
+            counts: heapless::Vec::from_slice(&[0; 3]).unwrap(),
+            t_ns: t_ns + after_ns,
+            missed: 0,
+        });
+    }
+}
+
+fn without_encoders(active: SignalLevel) -> Job {
+    let mut job = job();
+    job.skip.active = active;
+    job.skip.each_hit = true;
+    job
+}
+
+/// Without encoders: what is printed without being touched is refused, be it a block that is played
+/// again, a block that lacks one touch, or a skip line that is not seen. Twice the touches (fast,
+/// then slow) are as good as once.
+#[test]
+fn each_block_needs_its_touches() {
+    for active in [SignalLevel::High, SignalLevel::Low] {
+        let mut run = Run::new(without_encoders(active));
+        let mut outcome = Outcome::default();
+        let mut t_ns = 0;
+        // Touches of each setup's blocks.
+        for (setup, touched) in [[5, 10, 5], [5, 4, 5], [0, 0, 0]].iter().enumerate() {
+            let blocks = session_a();
+            for ((name, points), touched) in blocks[3 * setup..3 * setup + 3].iter().zip(touched) {
+                for _ in 0..*touched {
+                    t_ns += 1_000_000_000;
+                    touches(&mut run, t_ns, active);
+                }
+                feed(&mut run, &mut outcome, name, points, 5);
+            }
+        }
+        let all_missing = "SPHERE1:untouched SPHERE2:untouched SPHERE3:untouched";
+        assert_eq!(outcome.summary(), ["OK", "SPHERE2:untouched", all_missing]);
+        let remarks = outcome.verdicts[0].remarks.iter().map(|r| &r.reason);
+        let touched = Reason::Touched { hits: 15 };
+        assert!(remarks.into_iter().any(|reason| *reason == touched));
+        let reasons = outcome.verdicts[1].reasons.iter().map(|r| &r.reason);
+        let untouched = Reason::Untouched {
+            hits: 5,
+            touches: 4,
+        };
+        assert!(reasons.into_iter().any(|reason| *reason == untouched));
+    }
+}
+
+/// What the probe touches while a block is still printed belongs to the next block.
+#[test]
+fn touches_while_a_block_is_printed_are_the_next_ones() {
+    let mut run = Run::new(without_encoders(SignalLevel::High));
+    let mut outcome = Outcome::default();
+    let mut t_ns = 0;
+    let mut touch = |run: &mut Run| {
+        t_ns += 1_000_000_000;
+        touches(run, t_ns, SignalLevel::High);
+    };
+    (0..5).for_each(|_| touch(&mut run));
+    for (name, points) in &session_a()[..3] {
+        run.block_start(name, Micros(1), &mut |d| outcome.take(d));
+        for point in points {
+            // Each line is so slow that the probe is at its next hit meanwhile.
+            touch(&mut run);
+            run.hit(&hit(*point), Micros(1), &mut |d| outcome.take(d));
+        }
+        let end = block_end(name, points.len(), 5);
+        run.block_end(&end, Micros(1), &mut |d| outcome.take(d));
+    }
+    assert_eq!(outcome.summary(), ["OK"]);
+}
+
+/// Lines right behind each hit: one that came without a touch is refused, and a touch counts once.
+#[test]
+fn each_line_needs_its_touch() {
+    let approaches = job().features[0].approach.clone();
+    let with_touches = |untouched: Option<usize>| {
+        let mut job = checked_job();
+        (job.witness, job.skip.each_hit) = (None, true);
+        let mut run = Run::new(job);
+        let mut outcome = Outcome::default();
+        let mut number = 0;
+        for (at, (_, points)) in session_a()[..3].iter().enumerate() {
+            for (point, approach) in points.iter().zip(&approaches) {
+                number += 1;
+                // A line without a touch has two before the hit in front of it.
+                let times = match untouched.map(|of| number.cmp(&of)) {
+                    Some(std::cmp::Ordering::Equal) => 0,
+                    _ => 2,
+                };
+                for time in 0..times {
+                    let t_ns = number as u64 * 2_000_000_000 + time * 500_000_000;
+                    touches(&mut run, t_ns, SignalLevel::High);
+                }
+                let (axis, sign) = approach.axis_and_sign();
+                let mut tip = *point;
+                tip[axis] -= sign * (2.5 - if axis == 2 { 0.0 } else { 0.062 });
+                let mut hit = hit(tip);
+                hit.feature_id = Some(u16::try_from(at + 1).unwrap());
+                hit.approach = Some(*approach);
+                hit.feed_mm_per_min = Some(30.0);
+                run.hit(&hit, Micros(1), &mut |d| outcome.take(d));
+            }
+        }
+        outcome.summary()
+    };
+    assert_eq!(with_touches(None), ["OK"]);
+    assert_eq!(with_touches(Some(8)), ["SPHERE2:untouched no_reference"]);
+}

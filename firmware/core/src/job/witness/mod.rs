@@ -35,14 +35,12 @@ use umi_protocol::reason::Reason;
 use super::exceeds;
 use super::feature::{Hit, Seen};
 use crate::dprnt::ReportedHit;
-use skip::{Chatter, SkipLine};
+use skip::Touch;
 
 /// Both witnesses of a setup's hits.
 #[derive(Debug)]
 pub struct Witness {
     spec: WitnessSpec,
-    /// The probe's skip line: the touch that no line has used.
-    skip: SkipLine,
     /// From the touch to the board's input, microseconds.
     skip_delay_us: f64,
     /// Origin of the encoders in the control's coordinates, as far as it is known.
@@ -92,7 +90,6 @@ impl Witness {
         }
         Self {
             spec,
-            skip: SkipLine::new(skip),
             skip_delay_us: skip.delay_us,
             origins,
             learned: [false; 3],
@@ -101,9 +98,8 @@ impl Witness {
         }
     }
 
-    /// A latch came. A later touch before the line takes its place: the slow touch after the
-    /// fast one.
-    pub fn latched(&mut self, latch: &LatchReport) {
+    /// Where the axes were, if all were captured.
+    pub fn mm(&self, latch: &LatchReport) -> Option<[f64; 3]> {
         let mut mm = [0.0; 3];
         let scales = self.spec.counts_per_mm;
         for ((value, counts), scale) in mm.iter_mut().zip(&latch.counts).zip(scales) {
@@ -114,14 +110,13 @@ impl Witness {
             let counts = *counts as f64;
             *value = counts / scale;
         }
-        let mm = (latch.counts.len() >= mm.len()).then_some(mm);
-        self.skip.latched(latch, mm);
+        (latch.counts.len() >= mm.len()).then_some(mm)
     }
 
-    /// The latch that belongs to a line; none if there was none, or if the line's feed is
+    /// What a touch says of its line; none if it was not captured, or if the line's feed is
     /// none at which a probe can touch: then nothing could be said about the delay.
-    pub fn pair(&mut self, hit: &ReportedHit) -> Option<Seen> {
-        let latched = self.skip.take()?.mm?;
+    pub fn pair(&self, touch: Option<Touch>, hit: &ReportedHit) -> Option<Seen> {
+        let latched = touch?.mm?;
         let feed_mm_per_min = hit.feed_mm_per_min.or(self.spec.feed_mm_per_min)?;
         if !(feed_mm_per_min.is_finite() && feed_mm_per_min > 0.0) {
             return None;
@@ -203,7 +198,7 @@ impl Witness {
     }
 
     /// The setup is OK: what is to be remarked, and the origin if it was unknown.
-    pub fn conclude(&mut self) -> [Option<Reason>; 3] {
+    pub fn conclude(&mut self) -> [Option<Reason>; 2] {
         let mut all: Option<Delays> = None;
         for (axis, origin) in self.setup.axes.iter().zip(self.origins) {
             // An origin that rests on delays says nothing about them.
@@ -227,14 +222,7 @@ impl Witness {
             }
         }
         let learned = self.learned.contains(&true);
-        let Chatter { bounces, sparks } = self.skip.chatter();
-        let chatter =
-            (bounces > 0 || sparks > 0).then_some(Reason::SkipChatter { bounces, sparks });
-        [
-            witnessed,
-            learned.then_some(Reason::WitnessLearned),
-            chatter,
-        ]
+        [witnessed, learned.then_some(Reason::WitnessLearned)]
     }
 
     /// The setup was OK and is not any more: what it taught is forgotten.

@@ -4,7 +4,7 @@ use std::vec::Vec;
 
 use umi_protocol::job::Approach::{MinusX, MinusY, MinusZ, PlusX, PlusY};
 
-use umi_protocol::latch::LatchCause;
+use umi_protocol::latch::{LatchCause, MAX_AXES};
 
 use super::*;
 use crate::dprnt::Doubts;
@@ -84,15 +84,9 @@ impl Machine {
                 let printed: Vec<f64> = (tip.iter().zip(self.offset_mm))
                     .map(|(tip_mm, offset_mm)| libm::round((tip_mm + offset_mm) * 1000.0) / 1000.0)
                     .collect();
-                witness.latched(&LatchReport {
-                    number: 0,
-                    cause: LatchCause::Skip,
-                    counts,
-                    t_ns: later(),
-                    missed: 0,
-                });
+                let touch = touch(witness, counts);
                 let position = Point::from_mm(printed[0], printed[1], printed[2]);
-                let seen = witness.pair(&line(position));
+                let seen = witness.pair(touch, &line(position));
                 assert!(seen.is_some());
                 let hit = Hit {
                     position,
@@ -115,6 +109,20 @@ impl Machine {
         assert!(witness.conclude().contains(&Some(Reason::WitnessLearned)));
         self.probe(&mut witness)
     }
+}
+
+/// A touch with the axes at these counts.
+fn touch(witness: &Witness, counts: heapless::Vec<i64, MAX_AXES>) -> Option<Touch> {
+    let latch = LatchReport {
+        number: 0,
+        cause: LatchCause::Skip,
+        counts,
+        t_ns: later(),
+        missed: 0,
+    };
+    let mut skip = skip::SkipLine::new(&SkipSpec::default());
+    skip.latched(&latch, witness.mm(&latch));
+    skip.take()
 }
 
 fn line(position: Point) -> ReportedHit {
@@ -151,7 +159,6 @@ fn agreement_measures_the_delay() {
             resolution_ms,
         }),
         learned,
-        None,
     ] = witness.conclude()
     else {
         panic!("nothing was witnessed");
@@ -318,10 +325,7 @@ fn axis_seen_only_along_is_witnessed() {
     let mut witness = Witness::new(spec(), &SkipSpec::default());
     assert_eq!(setup(&mut witness, 25.0), []);
     // Nothing tells the delay from the origin, so no delay is claimed.
-    assert_eq!(
-        witness.conclude(),
-        [None, Some(Reason::WitnessLearned), None]
-    );
+    assert_eq!(witness.conclude(), [None, Some(Reason::WitnessLearned)]);
     assert_eq!(setup(&mut witness, 25.0), []);
     for off_mm in [25.18, 24.82, 25.02, 0.0] {
         let reasons = setup(&mut witness, off_mm);
@@ -387,42 +391,30 @@ fn late_control_is_named() {
     }
 }
 
-/// A line without a latch has no second witness, and a latch is used once.
+/// A line without a touch, and one with a touch whose edge was not captured, have no second
+/// witness.
 #[test]
 fn line_without_latch_is_not_paired() {
-    let mut witness = Witness::new(spec(), &SkipSpec::default());
+    let witness = Witness::new(spec(), &SkipSpec::default());
     let line = line(Point::from_mm(1.0, 2.0, 3.0));
-    assert_eq!(witness.pair(&line), None);
-    let mut latch = LatchReport {
-        number: 0,
-        cause: LatchCause::Trigger,
-        counts: heapless::Vec::from_slice(&[1, 2, 3]).unwrap(),
-        t_ns: later(),
-        missed: 0,
-    };
-    witness.latched(&latch);
-    assert_eq!(witness.pair(&line), None, "a scanner's trigger is no hit");
-    latch.cause = LatchCause::Skip;
-    witness.latched(&latch);
-    assert!(witness.pair(&line).is_some());
-    assert_eq!(witness.pair(&line), None);
+    let counts = |counts: &[i64]| heapless::Vec::from_slice(counts).unwrap();
+    assert_eq!(witness.pair(None, &line), None);
+    let two_axes = touch(&witness, counts(&[1, 2]));
+    assert!(two_axes.is_some());
+    assert_eq!(witness.pair(two_axes, &line), None);
+    let three = touch(&witness, counts(&[1, 2, 3]));
+    assert!(witness.pair(three, &line).is_some());
 }
 
 /// At a feed of zero every delay would be plausible: such a line has no second witness.
 #[test]
 fn line_without_feed_is_not_paired() {
-    let mut witness = Witness::new(spec(), &SkipSpec::default());
+    let witness = Witness::new(spec(), &SkipSpec::default());
+    let touch = touch(&witness, heapless::Vec::from_slice(&[1, 2, 3]).unwrap());
     for feed in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        witness.latched(&LatchReport {
-            number: 0,
-            cause: LatchCause::Skip,
-            counts: heapless::Vec::from_slice(&[1, 2, 3]).unwrap(),
-            t_ns: later(),
-            missed: 0,
-        });
         let mut line = line(Point::from_mm(1.0, 2.0, 3.0));
         line.feed_mm_per_min = Some(feed);
-        assert_eq!(witness.pair(&line), None, "{feed}");
+        assert_eq!(witness.pair(touch, &line), None, "{feed}");
     }
 }
 

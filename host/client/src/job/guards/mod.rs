@@ -28,7 +28,7 @@ mod step;
 mod tests;
 
 use umi_core::correction::dialect::is_read_back;
-use umi_core::job::{closing, datums, moves_something, touch_begins_anew};
+use umi_core::job::{closing, datums, judges_touches, moves_something, touch_begins_anew};
 use umi_protocol::job::{Job, Reference, Teach};
 use umi_protocol::pattern::LinePattern;
 
@@ -114,6 +114,12 @@ impl GuardTable {
                 } else {
                     "run_variable"
                 },
+            ),
+            row(
+                "untouched",
+                "lines that nobody probed: a recording",
+                when(judges_touches(job)),
+                "skip: each_hit",
             ),
             row(
                 "offset_changed",

@@ -2,8 +2,9 @@
 //! keep up with its encoders. Every edge is captured or counted.
 
 use umi_client::board::link::Client;
-use umi_protocol::latch::LatchCounters;
-use umi_tests::cases::SESSION;
+use umi_protocol::latch::{LatchCause, LatchCounters};
+use umi_protocol::message::Record;
+use umi_tests::cases::{SESSION, journal};
 use umi_tests::rig::Rig as _;
 use umi_tests::rig::pico::{AXES, CYCLES_PER_US, EmulatedPulses, PicoRig, SKIP_PIN, TRIGGER_PIN};
 
@@ -120,6 +121,54 @@ fn lost_samples_are_told_and_no_edge_vanishes() {
         "{counted} of {edges}"
     );
     assert!(u64::from(counters.missed) < edges / 10);
+}
+
+/// The probe's line bounces while the board starts anew. What comes in those 0.1 ms is told at each
+/// start at least once, falls as well as rises: else a touch might stand at a bounce behind it.
+#[test]
+fn a_start_tells_falls_of_the_probe_as_well_as_rises() {
+    const STARTS: u64 = 24;
+    /// One in 25 us: there are some in each start.
+    const BOUNCES: u64 = 600;
+    let Some((mut rig, mut client)) = begun() else {
+        return;
+    };
+    // Ends of touches are kept where a job asks for them.
+    let witnessed = include_str!("../../../../../examples/three-spheres-witnessed.toml");
+    let job = toml::from_str(witnessed).unwrap();
+    client.set_job(&job).unwrap().unwrap();
+    for nth in 0..STARTS {
+        let start = rig.emulator().pulses(&EmulatedPulses {
+            pin: SKIP_PIN,
+            count: BOUNCES,
+            period: 25 * CYCLES_PER_US,
+            jitter: 10 * CYCLES_PER_US,
+            width: (2 + nth % 10) * CYCLES_PER_US,
+            after: 0,
+            is_recorded: false,
+        });
+        rig.wait_for_cycle(start + CYCLES_PER_MS);
+        rig.emulator().hold_transfers(5 * CYCLES_PER_US);
+        rig.wait_for_cycle(start + 40 * CYCLES_PER_MS);
+    }
+    rig.wait_for_quiet();
+    let lost = u64::from(client.positions().unwrap().lost_samples);
+    assert!(lost >= STARTS, "{lost}");
+    let counters = counters(&mut rig, &mut client);
+    let rises = u64::from(counters.skips + counters.missed);
+    let (records, _) = journal(&mut client);
+    let falls = records.iter().filter_map(|record| match record {
+        Record::Latch(latch) if latch.cause == LatchCause::SkipEnd => Some(latch),
+        _ => None,
+    });
+    let falls = falls.map(|latch| u32::from(!latch.counts.is_empty()) + latch.missed);
+    let falls = u64::from(falls.sum::<u32>());
+    let edges = STARTS * BOUNCES;
+    println!("{rises} rises, {falls} falls of {edges}, {counters:?}");
+    for counted in [rises, falls] {
+        assert!(edges.abs_diff(counted) < 5 * lost, "{counted} of {edges}");
+    }
+    assert!(rises.abs_diff(falls) < lost / 2, "{rises} and {falls}");
 }
 
 /// A probe's line that is nothing but noise, at a megahertz, while the control sends: no

@@ -121,18 +121,30 @@ pub fn listen(skips: bool, scans: bool) {
     });
 }
 
-/// Pins by GPIO number, one bit each, at which an edge has come since this was last asked:
-/// what their own detectors know, which never stand still.
-pub fn edges(pins: impl Iterator<Item = u8>) -> u32 {
-    let mut found = 0;
+/// Edges that have come since this was last asked, at pins by GPIO number, one bit each: what their
+/// own detectors know, which never stand still.
+pub struct Edges {
+    /// Pins that rose.
+    pub rises: u32,
+    /// Pins that fell.
+    pub falls: u32,
+}
+
+/// The edges at these pins.
+pub fn edges(pins: impl Iterator<Item = u8>) -> Edges {
+    let mut found = Edges { rises: 0, falls: 0 };
     for pin in pins {
         // Eight pins a register.
         let register = pac::IO_BANK0.intr(usize::from(pin / 8) % 4);
         let pin_in_it = usize::from(pin % 8);
-        if register.read().edge_high(pin_in_it) {
-            register.write(|w| w.set_edge_high(pin_in_it, true));
-            found |= 1_u32.wrapping_shl(pin.into());
-        }
+        let edges = register.read();
+        register.write(|w| {
+            w.set_edge_high(pin_in_it, edges.edge_high(pin_in_it));
+            w.set_edge_low(pin_in_it, edges.edge_low(pin_in_it));
+        });
+        let bit = 1_u32.wrapping_shl(pin.into());
+        found.rises |= if edges.edge_high(pin_in_it) { bit } else { 0 };
+        found.falls |= if edges.edge_low(pin_in_it) { bit } else { 0 };
     }
     found
 }

@@ -93,6 +93,8 @@ pub struct SkipLine {
     /// When the latest touch began.
     began_ns: u64,
     touch: Option<Touch>,
+    /// Touches that nobody has counted.
+    uncounted: u16,
     chatter: Chatter,
 }
 
@@ -109,6 +111,7 @@ impl SkipLine {
             latest_ns: None,
             began_ns: 0,
             touch: None,
+            uncounted: 0,
             chatter: Chatter::default(),
         }
     }
@@ -153,6 +156,13 @@ impl SkipLine {
         let place = self.waiting.len().saturating_sub(later);
         // There is room.
         let _ = self.waiting.insert(place, edge);
+    }
+
+    /// Touches since they were last counted. Where [`Self::take`] is not asked, of a block that
+    /// begins.
+    pub fn count(&mut self) -> u16 {
+        self.take();
+        core::mem::take(&mut self.uncounted)
     }
 
     /// The control has printed its line: the touch that it is about, once.
@@ -219,6 +229,7 @@ impl SkipLine {
             self.began_ns = begin_ns;
             let width_ns = end_ns.saturating_sub(begin_ns);
             self.touch = Some(Touch { mm, width_ns });
+            self.uncounted = self.uncounted.saturating_add(1);
         } else {
             self.chatter.bounces = self.chatter.bounces.saturating_add(1);
         }
