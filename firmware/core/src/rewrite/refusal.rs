@@ -127,6 +127,11 @@ pub enum RewriteRefusal {
         "which offset this is, is not followed: of G54.1 and G154 say P; of G10, L2 with P1 to P6 (G54 to G59), or set the offset by hand and leave the block out"
     )]
     OffsetNumber,
+    /// P may be the number of a work offset, or of the word beside it.
+    #[error(
+        "P may say which additional work offset G54 is, or belong to the word beside it: write them in two blocks"
+    )]
+    TwoTakeP,
     /// How this work offset lies to that of the transform is not known.
     #[error(
         "how this work offset lies to the one that was probed (of a transform: to that of the first motion) is not known: let the program run in that one, or give the origins of both, of G54 to G59"

@@ -192,7 +192,7 @@ fn journals() -> std::vec::Vec<JournalError<u8>> {
     all
 }
 
-fn rewrites() -> [RefusedLine; 67] {
+fn rewrites() -> [RefusedLine; 68] {
     [
         RewriteRefusal::LineTooLong,
         RewriteRefusal::LineEnds,
@@ -225,6 +225,7 @@ fn rewrites() -> [RefusedLine; 67] {
         RewriteRefusal::RapidOver('Z'),
         RewriteRefusal::OffsetStep,
         RewriteRefusal::OffsetNumber,
+        RewriteRefusal::TwoTakeP,
         RewriteRefusal::FeedsOut,
         RewriteRefusal::ShiftTaken,
         RewriteRefusal::Rotary('A'),

@@ -237,6 +237,15 @@ fn codes_with_values(words: &[Word], dialect: ControlFamily, faults: &mut Vec<Fa
             .and_then(|value| whole(value, 99_999_999))
     };
     let has_axes = AXES.iter().any(|axis| find(*axis).is_some());
+    let others_take_p = || {
+        let of = |letter: u8, times: f64| {
+            let these = words.iter().filter(move |word| word.letter == letter);
+            let values = these.filter_map(|word| word.value.constant());
+            values.filter_map(move |value| whole(value * times, 9999))
+        };
+        let g = of(b'G', 10.0).filter_map(|code| u16::try_from(code).ok());
+        codes::others_take_p(g, of(b'M', 1.0), dialect)
+    };
     for word in words {
         let Some(value) = word.value.constant() else {
             continue;
@@ -273,6 +282,7 @@ fn codes_with_values(words: &[Word], dialect: ControlFamily, faults: &mut Vec<Fa
             )),
             (100, Some(20)) if is_b => Some((1, u32::from(MAX_EXTENDED))),
             (100, Some(20)) => Some((0, 9)),
+            (540, _) if others_take_p() => None,
             (540 | 541 | 1540, _) => Some((1, u32::from(MAX_EXTENDED))),
             (544, _) => Some((0, 7)),
             _ => None,

@@ -8,8 +8,8 @@ use crate::rewrite::moved::plan::{More, Wanted};
 use crate::rewrite::refusal::{RewriteRefusal, Why};
 use crate::rewrite::state::{Feed, Groups, Motion, Plane};
 use crate::rewrite::text::emit::Edit;
-use crate::rewrite::text::length::{LIMIT_PM, Pm, Unit, length};
-use crate::rewrite::text::words::{At, Number, Value, Words};
+use crate::rewrite::text::length::{LIMIT_PM, Pm, Unit, length, power};
+use crate::rewrite::text::words::{At, Number, Value, Word, Words};
 use crate::rewrite::{Integers, RewriteDialect, Rewriter, at};
 
 const SECONDARY: Letters = Letters::of(b"UVW");
@@ -303,9 +303,19 @@ impl Rewriter {
         }
         // `G54 P1` is the first of the additional ones where there are any.
         if wanted.extended || (work == Some(1) && given.has(b'P')) {
-            let p = given.whole(b'P')?;
-            wanted.extended = true;
-            work = p.map(|p| 1000 + u16::try_from(p).unwrap_or(u16::MAX - 1000));
+            let is_taken = self.others_take_p(words, &wanted);
+            let has_more = self.settings.dialect != Some(RewriteDialect::LinuxCnc);
+            let is_offset =
+                wanted.extended || !is_taken || (has_more && may_be_offset(given.number(b'P')?));
+            if is_offset && is_taken {
+                let column = given.find(b'P').map_or(0, |index| given.column(index));
+                return Err((column, RewriteRefusal::TwoTakeP));
+            }
+            if is_offset {
+                let p = given.whole(b'P')?;
+                wanted.extended = true;
+                work = p.map(|p| 1000 + u16::try_from(p).unwrap_or(u16::MAX - 1000));
+            }
         }
         // For a Sinumerik these shift the datum by their axis words, and move nothing.
         if let Some(number @ (5 | 6)) = work
@@ -326,6 +336,24 @@ impl Rewriter {
         }
         self.compensation(words, given)?;
         Ok(wanted)
+    }
+
+    /// Whether P belongs to a word of the block beside its work offset: a dwell, a call, a hole.
+    fn others_take_p(&self, words: &Words, wanted: &Wanted) -> bool {
+        let calls = |word: &Word| {
+            let is_call = |m: Number| matches!(m.digits / power(m.decimals), 97 | 98 | 99 | 198);
+            word.letter == b'M' && matches!(word.value, Value::Number(m) if is_call(m))
+        };
+        let takes = |taker| {
+            matches!(
+                taker,
+                Taker::Dwell | Taker::Call | Taker::Data | Taker::Reference(_)
+            )
+        };
+        wanted.taker.is_some_and(|(_, taker)| takes(taker))
+            || wanted.cycle.is_some()
+            || self.cycle_in_force.is_some()
+            || words.iter().any(calls)
     }
 
     /// Cutter compensation and corners need their plane as it was.
@@ -419,6 +447,14 @@ fn dwells(given: &Given<'_>, wanted: &Wanted) -> At<()> {
         }
     }
     Ok(())
+}
+
+/// Whether a control may have an additional work offset of this number: the largest have 300.
+fn may_be_offset(p: Option<Number>) -> bool {
+    p.is_none_or(|p| {
+        let unit = power(p.decimals);
+        p.digits % unit == 0 && (1..=300).contains(&(p.digits / unit))
+    })
 }
 
 /// The groups of modes that a code says.

@@ -429,6 +429,42 @@ fn an_additional_offset_needs_its_number() {
     }
 }
 
+/// P beside G54 is the number of an additional offset only where no other word of the block takes it;
+/// where it may be both, nobody knows how a control takes it.
+#[test]
+fn a_p_beside_g54_belongs_to_one_word() {
+    let program = |first: &str| {
+        [
+            "G21 G90 G17\n",
+            first,
+            "\nG0 X50. Y20. Z5.\nG1 Z1. F9\nM30\n",
+        ]
+        .concat()
+    };
+    let with = |dialect, first: &str| {
+        let settings = RewriteSettings {
+            dialect,
+            measured_in: Some(umi_protocol::job::WorkOffset::G54),
+            ..settings(level(20.0, [1.0, 2.0, 3.0]))
+        };
+        rewritten(&settings, &program(first)).map_err(|refused| (refused.line, refused.reason))
+    };
+    for plain in ["G54 G4 P500", "G54 G4 P0.5", "G4 P5\nG54"] {
+        with(None, plain).unwrap();
+    }
+    with(Some(RewriteDialect::LinuxCnc), "G54 G4 P5").unwrap();
+    for both in ["G54 G4 P5", "G54 M98 P5", "G54.1 M98 P500", "G54 G65 P7"] {
+        assert_eq!(
+            with(None, both).unwrap_err(),
+            (2, RewriteRefusal::TwoTakeP),
+            "{both}"
+        );
+    }
+    // The second of the additional ones, and where that lies nobody has said.
+    let (_, elsewhere) = with(None, "G54 P2 M8").unwrap_err();
+    assert_eq!(elsewhere, RewriteRefusal::WorkOffset);
+}
+
 /// A byte order mark stays before everything, the header too; elsewhere it is no word.
 #[test]
 fn a_byte_order_mark_stays_first() {

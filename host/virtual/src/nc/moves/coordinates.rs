@@ -9,8 +9,10 @@ use crate::nc::memory::motion::{AxisDrives, MotionRate};
 use crate::nc::memory::offsets::{MAX_EXTENDED, MAX_TOOL, OffsetSystem};
 use crate::nc::memory::settings::ControlFamily;
 use crate::nc::memory::transform::{Frame, rotation};
+use crate::nc::run::codes;
 use crate::nc::run::control::Control;
 use crate::nc::run::words::{AXES, Words};
+use crate::nc::text::evaluate::whole;
 
 impl Control {
     /// Carries out the codes that set coordinates, before the motion of the block.
@@ -82,7 +84,23 @@ impl Control {
                 Ok(())
             }
             540 | 541 | 1540 => {
-                self.modal.work = match words.whole(b'P', u32::from(MAX_EXTENDED))? {
+                let dialect = self.settings.dialect;
+                let (g, m) = (words.g.iter().map(|g| g.0), words.m.iter().map(|m| m.0));
+                let is_taken = codes::others_take_p(g, m, dialect);
+                let has = codes::addresses(code, dialect).is_some_and(|takes| takes == "P");
+                let may_be_offset = |p| whole(p, u32::from(MAX_EXTENDED)).is_some_and(|p| p > 0);
+                let p = match words.get(b'P') {
+                    Some(p) if has && is_taken && (code != 540 || may_be_offset(p.value)) => {
+                        return Err(Fault::new(
+                            "P may say which additional work offset this is, or belong to the \
+                             word beside it: write them in two blocks",
+                        )
+                        .at(p.at));
+                    }
+                    _ if is_taken => None,
+                    _ => words.whole(b'P', u32::from(MAX_EXTENDED))?,
+                };
+                self.modal.work = match p {
                     None if code == 540 => OffsetSystem::Standard(1),
                     Some(p @ 1..) => OffsetSystem::Extended(u16::try_from(p).unwrap_or(1)),
                     _ => {

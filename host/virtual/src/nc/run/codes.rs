@@ -69,6 +69,18 @@ pub(crate) fn addresses(tenths: u16, dialect: ControlFamily) -> Option<&'static 
     })
 }
 
+/// Whether a word of the block beside its work offset takes P: a dwell, a call, a hole.
+pub(crate) fn others_take_p(
+    mut g: impl Iterator<Item = u16>,
+    mut m: impl Iterator<Item = u32>,
+    dialect: ControlFamily,
+) -> bool {
+    g.any(|code| {
+        let takes = addresses(code, dialect).is_some_and(|letters| letters.contains('P'));
+        takes && !matches!(code, 540 | 541 | 1540)
+    }) || m.any(|code| matches!(code, 97 | 98 | 99 | 198))
+}
+
 /// Whether a code is one of motion (group 1) or a canned cycle.
 pub(crate) const fn is_motion(tenths: u16) -> bool {
     matches!(
