@@ -430,7 +430,9 @@ impl fmt::Display for TextPlace {
 }
 
 impl JobFault {
-    fn in_file(self, path: &Path) -> Problem {
+    /// The same with the name of its file, and the place in it.
+    #[must_use]
+    pub fn in_file(self, path: &Path) -> Problem {
         let file = name(path);
         let Some(place) = self.place else {
             let message = format!("{file}: {}", self.message);

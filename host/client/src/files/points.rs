@@ -9,6 +9,7 @@
 //!   for the fit to refuse them.
 //! * Everything else is an error that names its line: no line is passed over.
 
+use std::collections::BTreeSet;
 use std::fmt;
 use std::io::{self, Read as _};
 use std::path::Path;
@@ -34,10 +35,24 @@ fn points(text: &str, path: &Path) -> Result<Vec<Point>, Problem> {
 /// Reads two lists whose points belong together by their order.
 ///
 /// # Errors
-/// As [`read`]; `names_differ`: both have a column `name`, and not the same names in it.
+/// As [`read`]; `names_differ`: both have a column `name`, and not the same names in it;
+/// `name_twice`: one stands twice in one of them.
 pub fn read_both(first: &Path, second: &Path) -> Result<(Vec<Point>, Vec<Point>), Problem> {
     let texts = [text(first)?, text(second)?];
     let lists = (points(&texts[0], first)?, points(&texts[1], second)?);
+    for (text, path) in texts.iter().zip([first, second]) {
+        let mut seen = BTreeSet::new();
+        let mut names = names(text).unwrap_or_default().into_iter();
+        if let Some(twice) = names.find(|name| !name.is_empty() && !seen.insert(*name)) {
+            return Err(Problem::trouble(
+                "name_twice",
+                format_args!(
+                    "{}: two points have the name `{twice}`: give each its own, or take the column out",
+                    name(path)
+                ),
+            ));
+        }
+    }
     if let (Some(from), Some(to)) = (names(&texts[0]), names(&texts[1]))
         && let Some((number, (a, b))) = (1..).zip(from.iter().zip(&to)).find(|(_, (a, b))| a != b)
     {

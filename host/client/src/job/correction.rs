@@ -187,6 +187,17 @@ impl Basis {
         }
     }
 
+    /// Whether it is known to a limit at the part: a verdict has been held to its job's.
+    ///
+    /// # Errors
+    /// As [`ProgramSource::known_to`].
+    pub fn known_to(&self, limit_mm: f64) -> Result<(), Problem> {
+        match self {
+            Self::Given(source) => source.known_to(limit_mm),
+            Self::Judged(_) => Ok(()),
+        }
+    }
+
     /// The transform, nominal to measured: for what is compared and goes to no control.
     ///
     /// # Errors

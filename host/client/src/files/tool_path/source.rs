@@ -156,7 +156,17 @@ impl Written {
         let transform = RigidTransform::from_rows(self.rotation, self.translation_mm);
         // How far it may lead is the control's matter.
         let turn = RigidTransform::from_rows(self.rotation, [0.0; 3]);
+        let [_, _, [_, _, up]] = self.rotation;
         match Rewriter::new(&RewriteSettings::new(turn)) {
+            // A tool would come from below.
+            Ok(_) if up <= 0.0 => Err(Problem::refused(
+                "upside_down",
+                format_args!(
+                    "{}: it turns the part upside down: in a list of points that lie in a plane a lost \
+                     sign, or X and Y exchanged, looks like that; look at the points. Nothing moves by it",
+                    name(path)
+                ),
+            )),
             Ok(_) => Ok(transform),
             Err(bad) => Err(Problem::trouble(
                 "transform",

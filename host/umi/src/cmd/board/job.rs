@@ -9,8 +9,10 @@ use crate::show::json;
 use crate::show::terminal::{GOOD, paint, print, print_json};
 use clap::{Args, Subcommand};
 use serde_json::json;
-use umi_client::files::job_file;
+use umi_client::files::{job_file, points};
 use umi_client::job::guards::GuardTable;
+use umi_client::problem::Problem;
+use umi_core::registration::register;
 
 use crate::cmd::{Board, Format};
 
@@ -45,10 +47,15 @@ enum Action {
 Examples:
   umi job new > job.toml
   umi job new -o job.toml
+  umi job new --sheet balls.csv -o job.toml     x,y,z of the four balls, SPHERE1 first
 
 It teaches when asked (`umi teach`), compares runs and work offsets, and says at each line what
-to enter. For blocks of points, as the thesis prints them, begin with examples/three-spheres.toml.")]
+to enter. With the sheet of a measuring machine it holds the distances between the balls against
+it, also when it is taught: a list of another plate, or in inches, shows. For blocks of points, as the thesis prints them, begin with examples/three-spheres.toml.")]
 struct New {
+    /// The balls' centres as a measuring machine has them, mm: four, in any coordinates
+    #[arg(long, value_name = "BALLS.csv")]
+    sheet: Option<PathBuf>,
     /// Write to this file instead of standard output
     #[arg(short, long, value_name = "JOB.toml")]
     output: Option<PathBuf>,
@@ -137,12 +144,52 @@ impl Job {
 
 impl New {
     fn run(self) -> Result<(), Failure> {
-        let text = include_str!("../../../../../examples/four-spheres.toml");
+        let mut text = include_str!("../../../../../examples/four-spheres.toml").to_owned();
+        if let Some(sheet) = &self.sheet {
+            text = with_sheet(&text, sheet)?;
+        }
         match self.output.filter(|path| path != Path::new("-")) {
-            None => print(text),
-            Some(path) => self.force.write(&path, &[], text),
+            None => print(&text),
+            Some(path) => self.force.write(&path, &[], &text),
         }
     }
+}
+
+/// The job to begin with for the balls of a sheet, whose distances it holds.
+fn with_sheet(example: &str, sheet: &Path) -> Result<String, Failure> {
+    const PLACE: &str = "position_mm = [";
+    const DISTANCES: &str = "# nominal_distance_mm";
+    let refused = |code, said: &str| {
+        let name = points::name(sheet);
+        Problem::refused(code, format_args!("{name}: {said}"))
+    };
+    let all = points::read(sheet)?;
+    if all.len() != example.matches(PLACE).count() {
+        let said = format!(
+            "{} balls, the job to begin with has four: write these into a copy of it, \
+             `position_mm` at each",
+            all.len()
+        );
+        return Err(refused("ball_count", &said).into());
+    }
+    let mut balls = all.iter().map(|ball| ball.to_array_mm());
+    let lines = example.lines().map(|line| {
+        if line.starts_with(PLACE)
+            && let Some([x, y, z]) = balls.next()
+        {
+            return format!("{PLACE}{x:?}, {y:?}, {z:?}]    # of its sheet\n");
+        }
+        format!(
+            "{}\n",
+            line.strip_prefix("# ")
+                .filter(|_| line.starts_with(DISTANCES))
+                .unwrap_or(line)
+        )
+    });
+    let text: String = lines.collect();
+    register(&all, &all).map_err(|error| refused(error.code(), &error.to_string()))?;
+    job_file::parse(&text).map_err(|fault| fault.in_file(sheet))?;
+    Ok(text)
 }
 
 impl Check {
@@ -160,10 +207,7 @@ impl Check {
                 "not_guarded": open.as_ref().map(json::reason),
             }));
         }
-        let good = format!(
-            "{} can be used",
-            umi_client::files::points::name(&self.file)
-        );
+        let good = format!("{} can be used", points::name(&self.file));
         print(&format!(
             "{}\n{}\n{}\n",
             job_text::text(&job),

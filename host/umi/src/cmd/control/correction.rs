@@ -61,7 +61,8 @@ pub(crate) struct Correction {
 const HELP: &str = "\
 What the dialect cannot express, and the rounding of its numbers, is computed at
 the part's corners, stated in the program's comments, and refused beyond the limit.
-A program from a transform says that no board has made it. A transform into machine coordinates is
+A program from a transform says that no board has made it; it is held by --limit, and not by the
+limits of the job's rotation, tilt and shift, which are a verdict's. A transform into machine coordinates is
 reckoned from --origin; one into a scan, of which nobody says whose coordinates it has, is refused.
 What `umi replay --json` printed of a job that counts runs (`guards.run_variable`) is
 refused: give the journal or the board.

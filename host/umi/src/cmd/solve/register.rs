@@ -50,7 +50,8 @@ Finds rotation R (determinant +1) and translation t with q = R p + t, with the
 least sum of squares over three or more pairs. Residuals are R p + t - q.
 Points belong together by their order; where both lists have a column `name`, the names must be the
 same. Lists that no motion carries into each other, as inches into mm, a mirror image, another order
-or points that are far off, are told (`suspect`), and nothing is corrected by them.
+or points that are far off, are told (`suspect`), and so is a part that is turned upside down, as a
+lost sign turns a flat list: nothing is corrected by these.
 --json says into whose coordinates the motion leads (`to`). For one into the machine's,
 `umi correction` and `umi nc rewrite` need the work offset's origin.
 
@@ -86,7 +87,7 @@ impl Register {
             .iter()
             .map(|p| Place::new(&registration, *p))
             .collect();
-        let suspect = suspect::why(&nominal, &measured, result.rms_mm);
+        let suspect = suspect::why(&nominal, &measured, &registration);
         if self.format.json {
             let mut machine = machine(&result, nominal.len(), &distances, &places);
             machine["suspect"] = json!(suspect);

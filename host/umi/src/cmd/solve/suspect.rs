@@ -1,7 +1,7 @@
 //! What shows that one list of points is no rigid image of the other: another unit or scale, a mirror,
 //! another order, points that are elsewhere. A correction is not made by such a registration.
 
-use umi_core::registration::register;
+use umi_core::registration::{Registration, register};
 use umi_core::units::Point;
 
 /// A part that is warm, or a scan that is badly scaled, is off by less.
@@ -15,8 +15,13 @@ const LEAST_RMS: f64 = 1e-4;
 /// Points of which all orders are tried.
 const MOST_ORDERED: usize = 7;
 
-/// Why the lists do not belong together as they are; `rms_mm` is that of their registration.
-pub(super) fn why(nominal: &[Point], measured: &[Point], rms_mm: f64) -> Option<String> {
+/// Why the lists do not belong together as they are.
+pub(super) fn why(
+    nominal: &[Point],
+    measured: &[Point],
+    registration: &Registration,
+) -> Option<String> {
+    let rms_mm = registration.stats.rms.0;
     let (there, here) = (size(nominal), size(measured));
     let scale = here / there;
     let is_near = |factor: f64| (scale / factor - 1.0).abs() < MOST_SCALE;
@@ -27,9 +32,6 @@ pub(super) fn why(nominal: &[Point], measured: &[Point], rms_mm: f64) -> Option<
         ));
     }
     let smaller = there.min(here);
-    if rms_mm <= LEAST_RMS * smaller {
-        return None;
-    }
     let rms_of = |nominal: &[Point], measured: &[Point]| {
         register(nominal, measured).map_or(f64::INFINITY, |found| found.stats.rms.0)
     };
@@ -38,6 +40,16 @@ pub(super) fn why(nominal: &[Point], measured: &[Point], rms_mm: f64) -> Option<
         .map(|p| Point::from_mm(-p.mm.x, p.mm.y, p.mm.z))
         .collect();
     let mirrored_mm = rms_of(&mirrored, measured);
+    // Of points in a plane a mirror image is a motion: half a turn about a line in it.
+    let is_over = registration.transform.rotation[(2, 2)] < 0.0;
+    let upside_down = (is_over && mirrored_mm <= MOST_SCALE * smaller).then(|| {
+        "this turns the part upside down: in a list of points that lie nearly in a plane a lost sign, \
+         or X and Y exchanged, looks like that; look at the signs and the order of the axes"
+            .to_owned()
+    });
+    if rms_mm <= LEAST_RMS * smaller {
+        return upside_down;
+    }
     if rms_mm > MOST_SCALE * smaller && mirrored_mm < BETTER * rms_mm {
         return Some(format!(
             "the measured points are a mirror image of the nominal ones: mirrored, they fit to \
@@ -62,6 +74,9 @@ pub(super) fn why(nominal: &[Point], measured: &[Point], rms_mm: f64) -> Option<
                 order.join(" ")
             ));
         }
+    }
+    if upside_down.is_some() {
+        return upside_down;
     }
     if !is_near(1.0) && rms_mm > MOST_SCALE * smaller {
         return Some(format!(
@@ -134,11 +149,11 @@ mod tests {
             .iter()
             .map(|p| Point::from_mm(4.0 - p.mm.y, p.mm.x + 7.0, p.mm.z + 1e-3 * (p.mm.x % 3.0)))
             .collect();
-        let rms = |a: &[Point], b: &[Point]| register(a, b).unwrap().stats.rms.0;
+        let found = |a: &[Point], b: &[Point]| register(a, b).unwrap();
         let (mut told, mut right) = (0, 0);
         each_order(4, &mut |order| {
             let moved: Vec<Point> = order.iter().map(|place| moved[*place]).collect();
-            match why(&plate, &moved, rms(&plate, &moved)) {
+            match why(&plate, &moved, &found(&plate, &moved)) {
                 Some(said) => {
                     assert!(said.contains("another order"), "{said}");
                     told += 1;
@@ -159,6 +174,41 @@ mod tests {
             .zip(&square)
             .map(|(i, p)| Point::from_mm(p.mm.x + 0.004 * f64::from(i % 3), p.mm.y, p.mm.z))
             .collect();
-        assert_eq!(why(&square, &probed, rms(&square, &probed)), None);
+        assert_eq!(why(&square, &probed, &found(&square, &probed)), None);
+    }
+
+    /// A flat plate whose list has lost a sign, or has X and Y exchanged, fits as half a turn that
+    /// stands it on its head: to the last digit, with noise, and with a ball that is a little off.
+    #[test]
+    fn a_flat_plate_upside_down_is_told() {
+        let plate = |fourth_z: f64| {
+            [
+                [0.0, 0.0, 0.0],
+                [100.0, 3.0, 0.0],
+                [90.0, 80.0, 0.0],
+                [-5.0, 70.0, fourth_z],
+            ]
+            .map(Point::from_array_mm)
+            .to_vec()
+        };
+        type Read = fn(&Point) -> Point;
+        let lost: Read = |p| Point::from_mm(-p.mm.x - 12.0, p.mm.y - 8.0, p.mm.z + 3.0);
+        let exchanged: Read = |p| Point::from_mm(p.mm.y, p.mm.x, p.mm.z);
+        let turned: Read = |p| Point::from_mm(4.0 - p.mm.x, 7.0 - p.mm.y, p.mm.z);
+        for fourth_z in [0.0, 0.001, 0.5, 4.0, 30.0] {
+            let nominal = plate(fourth_z);
+            for (read, is_told) in [(lost, true), (exchanged, true), (turned, false)] {
+                let measured: Vec<Point> = nominal.iter().map(read).collect();
+                let found = register(&nominal, &measured).unwrap();
+                let said = why(&nominal, &measured, &found);
+                let is_named =
+                    |said: &String| said.contains("upside down") || said.contains("mirror image");
+                assert_eq!(
+                    said.as_ref().is_some_and(is_named),
+                    is_told,
+                    "{fourth_z}: {said:?}"
+                );
+            }
+        }
     }
 }

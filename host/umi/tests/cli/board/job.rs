@@ -164,6 +164,38 @@ fn a_missing_job_is_named() {
         .says("/nowhere/job.toml");
 }
 
+/// With a measuring machine's sheet, in whatever coordinates, the new job holds the plate's
+/// distances also where it is taught; a sheet that cannot be one of four balls is refused.
+#[test]
+fn a_new_job_holds_the_distances_of_its_sheet() {
+    let folder = Folder::new();
+    let sheet = |name: &str, fourth: &str| {
+        let path = folder.path(name);
+        // The plate of the example, turned by a right angle.
+        let three = "x,y,z\n136.6,-135,135.9\n134.7,138,110.2\n-136.4,-136.7,136.1\n";
+        std::fs::write(&path, format!("{three}{fourth}")).unwrap();
+        path
+    };
+    let taught = |name: &str, fourth: &str| {
+        let (sheet, job) = (sheet(name, fourth), folder.path(&format!("{name}.toml")));
+        umi(&["job", "new", "--sheet", &sheet, "-o", &job]).exits(0);
+        let session = project("examples/four-spheres.txt");
+        let told = umi(&["replay", &session, "--job", &job, "--json"]);
+        told.out.contains("\"code\":\"nominal_distance\"")
+    };
+    assert!(!taught("right", "-138.1,137.2,121\n"));
+    assert!(taught("wrong", "-138.1,137.26,121\n"));
+    let refused = |text: &str| {
+        let sheet = folder.path("bad");
+        std::fs::write(&sheet, text).unwrap();
+        let answer = umi(&["job", "new", "--sheet", &sheet, "--json"]).exits(2);
+        answer.json()["error"]["code"].as_str().unwrap().to_owned()
+    };
+    assert_eq!(refused("0,0,0\n9,0,0\n0,9,0\n"), "ball_count");
+    let on_a_line = "0,0,0\n1,0,0\n2,0,0\n3,0,0\n";
+    assert_eq!(refused(on_a_line), "degenerate");
+}
+
 /// A new job is explicit about teaching and has nothing that is not guarded; it is never written
 /// over a file that there is. One that teaches by the first OK setup says what that risks.
 #[test]

@@ -238,11 +238,26 @@ fn a_transform_is_one() {
     umi(&["register", &by_name, &by_name]).exits(0);
     let differ = umi(&["register", &by_name, &other, "--json"]).exits(1);
     assert_eq!(error(&differ), "names_differ");
-    let measured = folder.file("q.csv", "x,y,z\n1,0,0\n1,100,0\n-79,0,0\n-29,20,40.3\n");
+    let twice = folder.file("t.csv", named(["A", "A", "B", "C"]));
+    let twice = umi(&["register", &twice, &twice, "--json"]).exits(1);
+    assert_eq!(error(&twice), "name_twice");
+    let measured = folder.file("q.csv", "x,y,z\n1,0,0\n1,100,0\n-79,0,0\n-29,20,40.02\n");
     let good = umi(&["register", &nominal, &measured, "--json"]).exits(0);
     assert!(good.json()["suspect"].is_null());
     let [_, carried] = both(&good.out);
     carried.exits(0);
+    // Of points that disagree, as by a chip on one: no more than `umi correction` takes.
+    let chip = folder.file("c.csv", "x,y,z\n1,0,0\n1,100,0\n-79,0,0.4\n-29,20,40\n");
+    let chip = umi(&["register", &nominal, &chip, "--json"]).exits(0);
+    assert!(chip.json()["suspect"].is_null());
+    for refused in both(&chip.out) {
+        assert_eq!(error(&refused.exits(2)), "expected_error");
+    }
+    // Whoever wrote it: a tool would come from below.
+    let over = r#"{"rotation": [[-1,0,0],[0,1,0],[0,0,-1]], "translation_mm": [0,0,0]}"#;
+    for refused in both(over) {
+        assert_eq!(error(&refused.exits(2)), "upside_down");
+    }
 }
 
 /// Two programs that cut elsewhere are not the same where an axis was never named, stands where the
@@ -481,6 +496,7 @@ fn a_difference_that_hides_is_found() {
     for (from, to) in [
         ("G91 G28 Z0", "G91 G28 Z-60."),
         ("G91 G28 Z0", "G90 G28 Z0"),
+        ("G91 G28 Z0", "G91 G30 Z0"),
         ("G54\n", "G55\n"),
         ("G54\n", "G54.1 P3\n"),
         ("G1 X60.", "G55 G1 X60."),

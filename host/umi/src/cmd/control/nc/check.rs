@@ -50,6 +50,7 @@ impl Check {
     pub fn run(self) -> Result<(), Failure> {
         let program = self.how.program(&self.program)?;
         let basis = self.moved_by.read_in(self.how.stated())?;
+        basis.as_ref().map_or(Ok(()), |it| self.how.holds(it))?;
         let measured_in = basis.as_ref().and_then(Basis::measured_in);
         let settings = |transform| self.how.settings(transform, measured_in);
         let examine = |transform| {

@@ -87,8 +87,8 @@ Examples:
   umi nc diff part.nc here.nc --transform moved.json --integers increments
 
 Exit status: 0 all motions have their image within --within-mm, 1 file, usage, or a block that the
-virtual control does not interpret (code not_interpreted: G41, ,C, rotary axes, no feed; nothing is
-compared), 2 they differ, or something in them cannot be compared.";
+virtual control does not interpret (code not_interpreted: G41, ,C, G28 without an axis, rotary axes,
+no feed; nothing is compared), 2 they differ, or something in them cannot be compared.";
 
 #[derive(Clone, Copy, ValueEnum)]
 enum Language {
@@ -153,6 +153,8 @@ impl Diff {
             },
             // A program that leaves its feed to what ran before is compared, too.
             feed_mm_min: Some(100.0),
+            // Anywhere but home: what is sent there is not the same.
+            second_reference_mm: Some([-1.0; 3]),
             ..ControlSettings::of(dialect)
         };
         // Nothing is compared then: the answer is not that they differ.

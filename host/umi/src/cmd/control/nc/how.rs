@@ -6,6 +6,7 @@ use crate::failure::Failure;
 use clap::Args;
 use umi_client::files::points::name;
 use umi_client::files::tool_path::{self, PartProgram};
+use umi_client::job::correction::Basis;
 use umi_client::problem::Problem;
 use umi_core::registration::RigidTransform;
 use umi_core::rewrite::{MeasuredIn, RefusedLine, RewriteRefusal, RewriteSettings};
@@ -30,6 +31,9 @@ pub(crate) struct How {
     /// Rewrite a program that was rewritten before
     #[arg(long)]
     again: bool,
+    /// Most that a --transform may be off at the worst of its points, one standard deviation
+    #[arg(long, value_name = "MM", default_value_t = 0.02)]
+    limit: f64,
 }
 
 impl How {
@@ -53,6 +57,14 @@ impl How {
                 .said
                 .settings(self.control.settings(transform, &self.said)?)?
         })
+    }
+
+    /// Whether a motion is known well enough.
+    ///
+    /// # Errors
+    /// As [`Basis::known_to`].
+    pub fn holds(&self, basis: &Basis) -> Result<(), Problem> {
+        basis.known_to(self.limit)
     }
 
     /// The program, with those that are loaded.

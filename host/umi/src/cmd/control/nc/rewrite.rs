@@ -42,6 +42,7 @@ The transform q = R p + t holds in the coordinates of one work offset: that in w
 probed (`correction.probed_in` of the verdict's job, without one G54; --probed-in), with a
 --transform the one in force at the program's first motion. A program that runs in another one is
 refused where the part is turned, unless --origin says where both are.
+A transform of points that disagree is refused beyond --limit, as `umi correction` does.
 A transform into machine coordinates (umi scan localise --fiducials) is reckoned from the origin
 that --origin gives of the offset in --probed-in.
 What cannot be transformed truly is refused by line
@@ -72,6 +73,7 @@ impl Rewrite {
         let Some(basis) = self.moved_by.read_in(self.how.stated())? else {
             return Err(Failure::trouble("usage", WHICH));
         };
+        self.how.holds(&basis)?;
         let source = basis.source()?;
         let mut inputs = vec![self.program.as_path()];
         inputs.extend(self.how.inputs().chain(self.moved_by.inputs()));
