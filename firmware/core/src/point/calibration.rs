@@ -1,6 +1,6 @@
 //! The result of a calibration.
 
-// Every index runs over arrays of length 6.
+// Every index runs over arrays of length 7.
 #![allow(clippy::indexing_slicing, clippy::needless_range_loop)]
 
 use super::error::Weakness;
@@ -21,15 +21,13 @@ pub struct PointCalibration {
     /// `ResidualNoise::AlongBeam` `sigma` is of d / |n·a|, the noise of a reading,
     /// and `rms` of d all the same. `sigma` is None below an rms of 1e-11 mm.
     pub stats: Statistics,
-    /// `inv(JᵀJ)` carried to t and a, for unit noise: rank 5 (a has no part
-    /// along itself).
-    pub cov_unit: Square<6>,
-    /// What the balls' standard uncertainties add, in the order t (mm), a.
-    pub cov_balls: Square<6>,
+    /// `inv(JᵀJ)` carried to t (mm), a and g, for unit noise: of t and a rank 5 (a has no
+    /// part along itself), of g zero unless it was asked for.
+    pub cov_unit: Square<7>,
+    /// What the balls' standard uncertainties add, in the same order.
+    pub cov_balls: Square<7>,
     /// Mean of the readings used, the stand-off of the calibration.
     pub mean_gamma: Mm,
-    /// Variance of the gain for unit noise, per mm²; 0 unless it was asked for.
-    pub gain_variance_unit: f64,
     /// Variance of the radius error for unit noise; 0 unless it was asked for.
     pub radius_variance_unit: f64,
     /// The mirror image of the beam fits as well: all axis positions lie in
@@ -40,15 +38,15 @@ pub struct PointCalibration {
 }
 
 impl PointCalibration {
-    /// Covariance of t (mm) and a from the scatter of the residuals.
+    /// Covariance of t (mm), a and g from the scatter of the residuals.
     #[must_use]
-    pub fn covariance(&self) -> Option<Square<6>> {
+    pub fn covariance(&self) -> Option<Square<7>> {
         self.stats.covariance(&self.cov_unit)
     }
 
     /// [`Self::covariance`] and what the balls' uncertainties add.
     #[must_use]
-    pub fn covariance_total(&self) -> Option<Square<6>> {
+    pub fn covariance_total(&self) -> Option<Square<7>> {
         let noise = self.covariance()?;
         Some(sum(&noise, &self.cov_balls))
     }
@@ -86,10 +84,10 @@ pub struct PlaceUncertainty {
 }
 
 /// The sum of two covariances.
-fn sum(a: &Square<6>, b: &Square<6>) -> Square<6> {
+fn sum(a: &Square<7>, b: &Square<7>) -> Square<7> {
     let mut sum = *a;
-    for i in 0..6 {
-        for j in 0..6 {
+    for i in 0..7 {
+        for j in 0..7 {
             sum[i][j] += b[i][j];
         }
     }

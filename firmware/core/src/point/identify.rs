@@ -96,7 +96,13 @@ pub(super) fn at<const K: usize>(
     let rms = if settled { rms(view, beam) } else { 0.0 };
     let spreads = normals.triangle().svd().values.map(|s| s / root_n);
     if spreads[1] < SPREAD_LIMIT {
-        return Err(PointRefusal::OnePlace);
+        // One reading that is metres off draws the beam with it, until the others see one place.
+        let (spread, off) = (Mm(view.spread), Mm(self::rms(view, beam)));
+        return Err(if off.0 > MISFIT_PART * radius {
+            PointRefusal::Misfit { spread, rms: off }
+        } else {
+            PointRefusal::OnePlace
+        });
     }
     // Readings that vary only as they scatter.
     if view.spread < NOISE_FACTOR * rms {

@@ -25,16 +25,17 @@ impl PointSensor {
         }
     }
 
-    /// The covariance of that point in mm², from the one of t and a:
-    /// `[I γgI] C [I γgI]ᵀ`. The reading's own noise and the axes' are not in it.
+    /// The covariance of that point in mm², from the one of t, a and g:
+    /// `[I γgI γa] C [I γgI γa]ᵀ`. The reading's own noise and the axes' are not in it.
     #[must_use]
-    pub fn place_covariance(&self, gamma: Mm, covariance: &Square<6>) -> Square<3> {
+    pub fn place_covariance(&self, gamma: Mm, covariance: &Square<7>) -> Square<3> {
         let g = gamma.0 * self.gain;
+        let [x, y, z] = (self.direction * gamma.0).into();
         propagate(
             &[
-                [1.0, 0.0, 0.0, g, 0.0, 0.0],
-                [0.0, 1.0, 0.0, 0.0, g, 0.0],
-                [0.0, 0.0, 1.0, 0.0, 0.0, g],
+                [1.0, 0.0, 0.0, g, 0.0, 0.0, x],
+                [0.0, 1.0, 0.0, 0.0, g, 0.0, y],
+                [0.0, 0.0, 1.0, 0.0, 0.0, g, z],
             ],
             covariance,
         )

@@ -1,6 +1,6 @@
-//! From the fit's unknowns to t and a, and how well both are known.
+//! From the fit's unknowns to t, a and g, and how well they are known.
 
-// Every index runs over arrays of length K or 6.
+// Every index runs over arrays of length K or 7.
 #![allow(clippy::indexing_slicing, clippy::needless_range_loop)]
 
 use super::calibration::PointCalibration;
@@ -22,17 +22,15 @@ pub(super) fn answer<const K: usize>(
     mirror: bool,
 ) -> PointCalibration {
     let sensor = sensor_of(beam, view.mean_gamma);
-    let to_offset = offset_and_direction(view, beam);
-    let variance_of = |at: Option<usize>| at.map_or(0.0, |at| cov_local[at][at]);
+    let to_sensor = offset_direction_gain(view, beam);
     PointCalibration {
         sensor,
         radius_error: Mm(beam.radius_error),
         stats: statistics(view, beam),
-        cov_unit: propagate(&to_offset, cov_local),
-        cov_balls: from_balls(view, beam, cov_local, &to_offset),
+        cov_unit: propagate(&to_sensor, cov_local),
+        cov_balls: from_balls(view, beam, cov_local, &to_sensor),
         mean_gamma: Mm(view.mean_gamma),
-        gain_variance_unit: variance_of(beam.gain_at),
-        radius_variance_unit: variance_of(beam.radius_at),
+        radius_variance_unit: beam.radius_at.map_or(0.0, |at| cov_local[at][at]),
         mirror,
         weak: identify::weak(view, beam),
     }
@@ -55,11 +53,11 @@ fn statistics<const K: usize>(view: &View<'_, K>, beam: &Beam<K>) -> Statistics 
     Statistics { sigma, ..plain }
 }
 
-/// How t and a move with the unknowns: t = c - γ̄ g a.
-fn offset_and_direction<const K: usize>(view: &View<'_, K>, beam: &Beam<K>) -> [[f64; K]; 6] {
+/// How t, a and g move with the unknowns: t = c - γ̄ g a.
+fn offset_direction_gain<const K: usize>(view: &View<'_, K>, beam: &Beam<K>) -> [[f64; K]; 7] {
     let [e1, e2] = beam.across;
     let reach = view.mean_gamma * beam.gain;
-    let mut rows = [[0.0; K]; 6];
+    let mut rows = [[0.0; K]; 7];
     for axis in 0..3 {
         rows[axis][axis] = 1.0;
         rows[axis][3] = -reach * e1[axis];
@@ -69,6 +67,9 @@ fn offset_and_direction<const K: usize>(view: &View<'_, K>, beam: &Beam<K>) -> [
         }
         rows[axis + 3][3] = e1[axis];
         rows[axis + 3][4] = e2[axis];
+    }
+    if let Some(at) = beam.gain_at {
+        rows[6][at] = 1.0;
     }
     rows
 }
@@ -80,9 +81,9 @@ fn from_balls<const K: usize>(
     view: &View<'_, K>,
     beam: &Beam<K>,
     cov_local: &Square<K>,
-    to_offset: &[[f64; K]; 6],
-) -> Square<6> {
-    let mut total = [[0.0; 6]; 6];
+    to_sensor: &[[f64; K]; 7],
+) -> Square<7> {
+    let mut total = [[0.0; 7]; 7];
     for (index, ball) in view.balls.iter().enumerate() {
         let [u_center, u_radius] = [ball.u_center.0, ball.u_radius.0];
         if u_center == 0.0 && u_radius == 0.0 {
@@ -102,11 +103,11 @@ fn from_balls<const K: usize>(
             }
         }
         for (pull, u) in pulls.iter().zip([u_center, u_center, u_center, u_radius]) {
-            let mut effect = [0.0; 6];
-            for row in 0..6 {
+            let mut effect = [0.0; 7];
+            for row in 0..7 {
                 for i in 0..K {
                     for j in 0..K {
-                        effect[row] += to_offset[row][i] * cov_local[i][j] * pull[j] * u;
+                        effect[row] += to_sensor[row][i] * cov_local[i][j] * pull[j] * u;
                     }
                 }
             }

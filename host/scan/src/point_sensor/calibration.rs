@@ -20,6 +20,9 @@ use crate::rigid::Vec3;
 /// A covariance of the offset (mm) and the direction.
 pub type OffsetAndDirection = [[f64; 6]; 6];
 
+/// The same with the gain behind them.
+pub type SensorCovariance = [[f64; 7]; 7];
+
 /// What is asked beside the offset and the direction.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CalibrationQuestion {
@@ -59,6 +62,10 @@ pub struct PointSensorCalibration {
     pub covariance: Option<OffsetAndDirection>,
     /// The same with what the balls' uncertainties add.
     pub covariance_total: Option<OffsetAndDirection>,
+    /// Covariance of the gain with t, a and itself, if it was asked for: a point needs it.
+    pub covariance_gain: Option<[f64; 7]>,
+    /// The same with what the balls' uncertainties add.
+    pub covariance_gain_total: Option<[f64; 7]>,
     /// Standard uncertainty of the gain, if it was asked for.
     pub u_gain: Option<f64>,
     /// Standard uncertainty of the radius, if it was asked for.
@@ -125,6 +132,11 @@ fn answer(
             .flatten()
     };
     let wanted = &question.wanted;
+    let (noise, total) = (fit.covariance(), fit.covariance_total());
+    let of_gain = |covariance: Option<SensorCovariance>| {
+        let [.., row] = covariance.filter(|_| wanted.free_gain)?;
+        Some(row)
+    };
     PointSensorCalibration {
         kind: "point_sensor",
         n: readings.lines,
@@ -140,9 +152,11 @@ fn answer(
             .collect(),
         rms_mm: fit.stats.rms.0,
         sigma_mm: fit.stats.sigma.map(|sigma| sigma.0),
-        covariance: fit.covariance(),
-        covariance_total: fit.covariance_total(),
-        u_gain: u(wanted.free_gain, fit.gain_variance_unit),
+        covariance: noise.map(offset_and_direction),
+        covariance_total: total.map(offset_and_direction),
+        covariance_gain: of_gain(noise),
+        covariance_gain_total: of_gain(total),
+        u_gain: u(wanted.free_gain, fit.cov_unit[6][6]),
         u_radius_mm: u(wanted.free_radius, fit.radius_variance_unit),
         stand_off_mm: fit.mean_gamma.0,
         u_point_mm: fit
@@ -154,6 +168,11 @@ fn answer(
             all
         },
     }
+}
+
+/// Without the gain's row and column.
+fn offset_and_direction(covariance: SensorCovariance) -> OffsetAndDirection {
+    std::array::from_fn(|row| std::array::from_fn(|column| covariance[row][column]))
 }
 
 fn warnings(
@@ -183,6 +202,9 @@ fn warnings(
     warnings
 }
 
+/// What rounding the file's numbers may leave.
+const COVARIANCE_ROUNDING: f64 = 1e-6;
+
 /// How the warning begins that the axes' scale does not fit the balls.
 const SCALE: &str = "scale:";
 
@@ -191,14 +213,23 @@ const SCALE: &str = "scale:";
 pub struct KnownSensor {
     /// Offset, direction and gain.
     pub sensor: PointSensor,
-    /// Covariance of offset and direction, if the file has one.
-    pub covariance: Option<OffsetAndDirection>,
+    /// Covariance of offset, direction and gain, if the file has one.
+    pub covariance: Option<SensorCovariance>,
     /// The same with the balls' uncertainties.
-    pub covariance_total: Option<OffsetAndDirection>,
+    pub covariance_total: Option<SensorCovariance>,
     /// Mean of the readings that it was made of, if the file says it.
     pub stand_off_mm: Option<f64>,
+    /// What the calibration warned of.
+    pub warnings: Vec<String>,
+}
+
+impl KnownSensor {
     /// What it says of the axes' scale, if that did not fit the balls.
-    pub scale_warning: Option<String>,
+    #[must_use]
+    pub fn scale_warning(&self) -> Option<&str> {
+        let mut all = self.warnings.iter().map(String::as_str);
+        all.find(|warning| warning.starts_with(SCALE))
+    }
 }
 
 /// Reads the file of a calibration.
@@ -250,21 +281,22 @@ pub fn parse(bytes: &[u8]) -> Result<KnownSensor, ScanError> {
             direction,
             gain,
         },
-        covariance: matrix(&file, "covariance")?,
-        covariance_total: matrix(&file, "covariance_total")?,
+        covariance: matrix(&file, "covariance", "covariance_gain")?,
+        covariance_total: matrix(&file, "covariance_total", "covariance_gain_total")?,
         stand_off_mm: file.get("stand_off_mm").and_then(Value::as_f64),
-        scale_warning: file
+        warnings: file
             .get("warnings")
             .and_then(Value::as_array)
             .into_iter()
             .flatten()
             .filter_map(Value::as_str)
-            .find(|warning| warning.starts_with(SCALE))
-            .map(str::to_owned),
+            .map(str::to_owned)
+            .collect(),
     })
 }
 
-fn matrix(file: &Value, key: &str) -> Result<Option<OffsetAndDirection>, ScanError> {
+/// The covariance of offset and direction, and where the file has it that of the gain.
+fn matrix(file: &Value, key: &str, of_gain: &str) -> Result<Option<SensorCovariance>, ScanError> {
     let Some(value) = file.get(key).filter(|value| !value.is_null()) else {
         return Ok(None);
     };
@@ -273,11 +305,42 @@ fn matrix(file: &Value, key: &str) -> Result<Option<OffsetAndDirection>, ScanErr
         .as_array()
         .filter(|rows| rows.len() == 6)
         .ok_or_else(wrong)?;
-    let mut matrix = [[0.0; 6]; 6];
+    let mut matrix = [[0.0; 7]; 7];
     for (row, wanted) in rows.iter().zip(&mut matrix) {
-        *wanted = numbers(Some(row)).ok_or_else(wrong)?;
+        let row: [f64; 6] = numbers(Some(row)).ok_or_else(wrong)?;
+        wanted[..6].copy_from_slice(&row);
+    }
+    if let Some(gain) = file.get(of_gain).filter(|value| !value.is_null()) {
+        matrix[6] =
+            numbers(Some(gain)).ok_or_else(|| bad(format_args!("{of_gain} is not 7 numbers")))?;
+        for index in 0..6 {
+            matrix[index][6] = matrix[6][index];
+        }
+    }
+    if !is_covariance(&matrix) {
+        return Err(bad(format_args!(
+            "{key} is no covariance: it is symmetric, with no variance below 0 and no correlation above 1"
+        )));
     }
     Ok(Some(matrix))
+}
+
+fn is_covariance(matrix: &SensorCovariance) -> bool {
+    // Along itself a direction has a variance of zero, but for rounding.
+    let least = |i: usize| {
+        let block = [0..3, 3..6, 6..7][i / 3].clone();
+        let largest = block.map(|k| matrix[k][k]).fold(0.0, f64::max);
+        COVARIANCE_ROUNDING * largest
+    };
+    (0..7).all(|i| {
+        (0..=i).all(|j| {
+            let most = (matrix[i][i].max(least(i)) * matrix[j][j].max(least(j))).sqrt();
+            let [one, other] = [matrix[i][j], matrix[j][i]];
+            matrix[i][i] >= -least(i)
+                && one.abs() <= most * (1.0 + COVARIANCE_ROUNDING)
+                && (one - other).abs() <= most * COVARIANCE_ROUNDING
+        })
+    })
 }
 
 fn numbers<const N: usize>(value: Option<&Value>) -> Option<[f64; N]> {

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use umi_core::units::{Mm, Point};
 
-use super::calibration::{KnownSensor, OffsetAndDirection};
+use super::calibration::{KnownSensor, SensorCovariance};
 use super::readings::SensorReadings;
 use crate::ScanError;
 use crate::format::clouds::write::{check_extension, write_ply};
@@ -24,12 +24,12 @@ pub struct SensorCloud {
     pub u_mm: Option<Vec<[f64; 3]>>,
 }
 
-/// Makes the points of readings; `covariance` is that of offset and direction.
+/// Makes the points of readings; `covariance` is that of offset, direction and gain.
 #[must_use]
 pub fn points(
     readings: &SensorReadings,
     known: &KnownSensor,
-    covariance: Option<&OffsetAndDirection>,
+    covariance: Option<&SensorCovariance>,
 ) -> SensorCloud {
     let of = |axes_mm, gamma_mm| {
         let place = known

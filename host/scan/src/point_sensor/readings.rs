@@ -1,10 +1,14 @@
-//! Readings of a point sensor: `x,y,z,gamma[,sphere][,snr,total]`, mm.
+//! Readings of a point sensor: `x,y,z,gamma[,sphere][,snr,total]`, mm; or the places that
+//! a board has measured, `qx_mm,qy_mm,qz_mm,gamma_mm[,snr][,status]`.
 
 use std::io::BufRead;
 use std::path::Path;
 
 use crate::format::table::{Row, TableReader};
 use crate::{Ending, ScanError};
+
+/// What is longer lies on no machine.
+const MAX_MM: f64 = 1e9;
 
 /// One line of the file.
 #[derive(Clone, Debug, PartialEq)]
@@ -49,12 +53,15 @@ pub fn from_table<R: BufRead>(
     min_snr: Option<f64>,
 ) -> Result<SensorReadings, ScanError> {
     let missing = |error| refused_as("missing_column", error);
-    let axes = [
-        table.column("x").map_err(missing)?,
-        table.column("y").map_err(missing)?,
-        table.column("z").map_err(missing)?,
-    ];
-    let gamma = table.column("gamma").map_err(missing)?;
+    let is_measured = table.optional("qx_mm").is_some();
+    let [x, y, z, gamma] = if is_measured {
+        ["qx_mm", "qy_mm", "qz_mm", "gamma_mm"]
+    } else {
+        ["x", "y", "z", "gamma"]
+    };
+    let column = |name| table.column(name).map_err(missing);
+    let (axes, gamma) = ([column(x)?, column(y)?, column(z)?], column(gamma)?);
+    let status = table.optional("status").filter(|_| is_measured);
     let sphere = table.optional("sphere");
     let snr = match min_snr {
         Some(least) => Some((table.column("snr").map_err(missing)?, least)),
@@ -64,6 +71,10 @@ pub fn from_table<R: BufRead>(
     let wrong = |error| refused_as("not_a_number", error);
     while let Some(row) = table.next_row().map_err(wrong)? {
         readings.lines += 1;
+        // A place without a point has its reason there.
+        if status.is_some_and(|column| row.text(column) != "ok") {
+            continue;
+        }
         if let Some((column, least)) = snr {
             // A reading without a figure of its quality had no signal.
             let blank = row.text(column).is_empty();
@@ -91,8 +102,19 @@ fn below(snr: f64, least: f64) -> bool {
 }
 
 fn finite(row: &Row<'_>, column: crate::format::table::Column) -> Result<f64, ScanError> {
-    row.finite(column)
-        .map_err(|error| refused_as("not_a_number", error))
+    let mm = row
+        .finite(column)
+        .map_err(|error| refused_as("not_a_number", error))?;
+    if mm.abs() > MAX_MM {
+        return Err(ScanError::refused(
+            "not_finite",
+            format_args!(
+                "line {}: {mm:e} mm is no length on a machine: remove the reading or measure it again",
+                row.line()
+            ),
+        ));
+    }
+    Ok(mm)
 }
 
 /// What is wrong with the contents is a refusal here, with a name of its own; what the

@@ -75,7 +75,7 @@ pub(super) fn scale(
             spread * normal.dot(&e1),
             spread * normal.dot(&e2),
             // Where the gain is not free its column stays empty.
-            if fit.gain_variance_unit > 0.0 {
+            if fit.cov_unit[6][6] > 0.0 {
                 spread * normal.dot(&a)
             } else {
                 0.0

@@ -74,6 +74,19 @@ fn readings_go_by_their_columns() {
     assert_eq!(read.used[0].sphere.as_deref(), Some("A"));
 }
 
+/// The places that a board has measured are readings; those without a point are none.
+#[test]
+fn measured_places_are_readings() {
+    let text = "row,col,x_mm,y_mm,z_mm,gamma_mm,qx_mm,qy_mm,qz_mm,snr,total,status\n\
+                0,0,9,9,9,44.5,1,2,3,80,3000,ok\n0,1,,,,,,,,,,out_of_range\n";
+    let read = readings(text.as_bytes(), None).unwrap();
+    assert_eq!((read.lines, read.used.len()), (2, 1));
+    assert_eq!(
+        (read.used[0].axes_mm, read.used[0].gamma_mm),
+        ([1.0, 2.0, 3.0], 44.5)
+    );
+}
+
 #[test]
 fn readings_are_refused_by_name() {
     assert_eq!(code("x,y,gamma\n1,2,3\n", None), "missing_column");
@@ -83,6 +96,7 @@ fn readings_are_refused_by_name() {
     assert_eq!(code("x,y,z,gamma\n1,2,3\n", None), "not_a_number");
     assert_eq!(code("x,y,z,gamma\n1,2,3,nan\n", None), "not_finite");
     assert_eq!(code("x,y,z,gamma\n1,-inf,3,4\n", None), "not_finite");
+    assert_eq!(code("x,y,z,gamma\n1,2,3,1e300\n", None), "not_finite");
 }
 
 #[test]
@@ -179,8 +193,10 @@ fn a_calibration_comes_back_from_its_file() {
     let known = calibration::parse(&text).unwrap();
     // The reader of JSON may round the last bit the other way.
     assert!((known.sensor.direction - Vec3::from(found.direction)).amax() < 1e-15);
-    let of = |matrix: &Option<[[f64; 6]; 6]>| matrix.unwrap()[0][0];
-    let (read_back, written) = (of(&known.covariance), of(&found.covariance));
+    let (read_back, written) = (
+        known.covariance.unwrap()[0][0],
+        found.covariance.unwrap()[0][0],
+    );
     assert!((read_back / written - 1.0).abs() < 1e-15);
     let made = cloud::points(&read, &known, known.covariance_total.as_ref());
     for (p, (d, u)) in made
@@ -206,6 +222,23 @@ fn calibrations_are_refused_by_name() {
         r#"{"kind":"point_sensor","offset_mm":[1,2,3],"direction":[0,0,-1],"covariance":null}"#;
     let known = calibration::parse(good.as_bytes()).unwrap();
     assert_eq!((known.sensor.gain, known.covariance), (1.0, None));
+    // No covariance: a variance below zero, a correlation above one, not symmetric.
+    let matrix = |spoil: fn(&mut [[f64; 6]; 6])| {
+        let mut all = [[0.0; 6]; 6];
+        for (index, row) in all.iter_mut().enumerate().take(5) {
+            row[index] = 1e-6;
+        }
+        spoil(&mut all);
+        calibration::parse(good.replace("null", &format!("{all:?}")).as_bytes())
+    };
+    matrix(|_| {}).unwrap();
+    for spoil in [
+        (|all| all[1][1] = -1e-6) as fn(&mut [[f64; 6]; 6]),
+        |all| (all[0][1], all[1][0]) = (2e-6, 2e-6),
+        |all| all[3][0] = 1e-7,
+    ] {
+        assert_eq!(matrix(spoil).unwrap_err().code, "bad_calibration");
+    }
     for (from, to) in [
         ("point_sensor", "profile"),
         ("[0,0,-1]", "[0,0,-1.1]"),
@@ -366,7 +399,8 @@ fn a_warm_scale_is_named() {
         let found =
             calibration::find(&readings, &spheres::parse(&balls).unwrap(), &question()).unwrap();
         let json = serde_json::to_vec(&found).unwrap();
-        let told = calibration::parse(&json).unwrap().scale_warning;
+        let known = calibration::parse(&json).unwrap();
+        let told = known.scale_warning();
         told.map(|told| {
             let after = told.split("should be ").nth(1).unwrap();
             after.split(' ').next().unwrap().parse::<f64>().unwrap()

@@ -5,8 +5,10 @@ use nalgebra::Vector3;
 use super::record::{PlacePoint, PlaceState};
 use crate::point::PointSensor;
 
-/// Along the beam the reading must change as the axes move, to this and a twentieth of the way.
+/// Along the beam the reading must change as the axes move, to this and a part of the way: a direction that is a degree
+/// off changes it by as much on a surface at 45 degrees.
 const BEAM_MM: f64 = 0.01;
+const BEAM_PART: f64 = 0.02;
 
 /// A shorter way says nothing about the beam.
 const BEAM_WAY_MM: f64 = 0.05;
@@ -15,8 +17,11 @@ const BEAM_WAY_MM: f64 = 0.05;
 /// false alarm in a million places, even from the scatter of thirty captures.
 const BEAM_SIGMAS: f64 = 7.0;
 
-/// So many readings in succession that do not follow are no edge of the part any more.
+/// After so many readings in succession that do not follow, each an edge as it seems, the beam is to be proven anew ...
 const DOUBTS: u8 = 3;
+
+/// ... and so many are no edges of any part.
+const MOST_DOUBTS: u8 = 20;
 
 /// So many captures that are alike to the last figure are no chance.
 const FROZEN: f64 = 4.0;
@@ -42,6 +47,8 @@ enum Known {
     Nothing,
     /// Readings change with the axes as the calibration says.
     Follows,
+    /// They did; the last ones did not.
+    Doubtful,
     /// They do not.
     Wrong,
     /// Their noise hides whether they do.
@@ -79,6 +86,7 @@ impl BeamProof {
         match self.known {
             Known::Follows => PlaceState::Ok,
             Known::Wrong => PlaceState::BeamMismatch,
+            Known::Doubtful => PlaceState::Edge,
             Known::Nothing | Known::Hidden => PlaceState::BeamUnproven,
         }
     }
@@ -106,7 +114,7 @@ impl BeamProof {
                 let off = libm::fabs((found.gamma.0 - seen.gamma) * sensor.gain + along);
                 let variance = sum / freedom.max(1.0) * (1.0 / captures + 1.0 / seen.captures);
                 let noise = BEAM_SIGMAS * sensor.gain * libm::sqrt(variance);
-                let is_off = off > BEAM_MM + 0.05 * length + noise;
+                let is_off = off > BEAM_MM + BEAM_PART * length + noise;
                 let is_proof = noise <= BEAM_PROOF * length;
                 self.doubts = if is_off {
                     self.doubts.saturating_add(1)
@@ -118,6 +126,10 @@ impl BeamProof {
                     Known::Wrong => Known::Wrong,
                     // One reading beside the others is an edge of the part.
                     Known::Follows if self.doubts < DOUBTS => Known::Follows,
+                    Known::Follows | Known::Doubtful if is_off && self.doubts < MOST_DOUBTS => {
+                        Known::Doubtful
+                    }
+                    Known::Doubtful if !is_off && !is_proof => Known::Doubtful,
                     _ if is_off => Known::Wrong,
                     _ if is_proof => Known::Follows,
                     _ => Known::Hidden,

@@ -3,7 +3,7 @@
 use super::beam::BeamProof;
 use super::captures::collect::Collected;
 use super::captures::pairing::Pairing;
-use super::captures::sweep::Sweep;
+use super::captures::sweep::{self, Sweep};
 use super::watch::{Trip, Watch};
 use super::{
     CaptureStation, CommandFault, Doing, PlaceState, SensorCommand, SensorConfiguration,
@@ -105,8 +105,13 @@ impl CaptureStation {
     pub(super) fn pulse(&mut self, with: SensorConfiguration, counts: [i64; 3]) {
         let [per_mm, _, _] = self.setup.counts_per_mm;
         let step = libm::fabs(with.interval.0 * per_mm);
-        // Not more often than was asked for.
-        let interval = libm::ceil(step / f64::from(with.captures) - 1e-6) as i64;
+        // Not more often than was asked for. Fewer than an edge shows in are one.
+        let captures = if with.captures < sweep::LEAST {
+            1
+        } else {
+            with.captures
+        };
+        let interval = libm::ceil(step / f64::from(captures) - 1e-6) as i64;
         let [at, _, _] = counts;
         if interval < 2 {
             self.refuse();

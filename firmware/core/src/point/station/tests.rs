@@ -188,8 +188,9 @@ fn a_beam_that_does_not_follow_is_named() {
     }
 }
 
-/// Once the beam is proven, a reading that does not follow is an edge of the part; the third in
-/// succession is a wrong beam, and so are readings that are all the same where there was noise.
+/// Once the beam is proven, a reading that does not follow is an edge of the part; from the third in
+/// succession on nothing else is a place until one follows again, and the twentieth is a wrong beam. So are
+/// readings that are all the same where there was noise.
 #[test]
 fn an_edge_at_rest_is_no_wrong_beam() {
     let up = |k: i64| [COUNTS[0], COUNTS[1], COUNTS[2] + 2000 * k];
@@ -207,11 +208,23 @@ fn an_edge_at_rest_is_no_wrong_beam() {
     };
     // The reading jumps by 0.3 mm at each of these ways.
     let mut states = Vec::new();
-    for k in 0..4 {
+    for k in 0..5 {
         states.push(at(&mut station, 2, up(k), 44.0 + 0.5 * k as f64, 0.001));
     }
+    // Elsewhere: nothing is known of this one. Back, and the reading follows.
+    let aside = [COUNTS[0] + 20_000, COUNTS[1], COUNTS[2] + 8000];
+    states.push(at(&mut station, 2, aside, 46.0, 0.001));
+    let back = [aside[0], aside[1], aside[2] + 2000];
+    states.push(at(&mut station, 2, back, 46.2, 0.001));
     let (ok, edge) = (PlaceState::Ok, PlaceState::Edge);
-    assert_eq!(states, [ok, edge, edge, PlaceState::BeamMismatch]);
+    assert_eq!(states, [ok, edge, edge, edge, edge, edge, ok]);
+    states.clear();
+    for k in 0..20 {
+        states.push(at(&mut station, 2, up(k), 40.0 + 0.5 * k as f64, 0.001));
+    }
+    assert_eq!(states[18..], [edge, edge]);
+    let wrong = at(&mut station, 2, up(20), 60.0, 0.001);
+    assert_eq!(wrong, PlaceState::BeamMismatch);
 
     let mut station = configured(4, 0);
     let mut number = 100;
@@ -379,7 +392,15 @@ fn noise(way: f64, seed: u64) -> f64 {
 #[test]
 fn captures_on_the_way_become_points() {
     let surface = |x: f64| 44.0 + 0.3 * x + 0.02 * (x - 2.0) * (x - 2.0);
-    for (sign, captures) in [(1, 1), (-1, 1), (1, 50), (-1, 50), (1, 100)] {
+    for (sign, captures) in [
+        (1, 1),
+        (-1, 1),
+        (1, 4),
+        (-1, 4),
+        (1, 50),
+        (-1, 50),
+        (1, 100),
+    ] {
         let places = swept(captures, sign, surface, |_| None);
         assert_eq!(places.len(), 4, "{captures}");
         for (k, place) in places.iter().enumerate() {
@@ -422,6 +443,55 @@ fn an_edge_on_the_way_is_named() {
         let off = place.gamma.0 - surface(1.5 + k as f64);
         assert!(k == 1 || off.abs() < 3e-3, "{k}: {off}");
     }
+}
+
+/// Steps, ribs and single strays of any height, anywhere, smeared over the spot or not: no point is off by more than
+/// some standard deviations of one capture, whatever their number. Where the surface is smooth there are no edges.
+#[test]
+fn a_jump_on_the_way_moves_no_point() {
+    let (mut places, mut false_edges) = (0, 0);
+    let random = &mut crate::fit::tests::Random(11);
+    for captures in [1, 2, 4, 5, 7, 9, 14, 25, 54, 100] {
+        for seed in 0..300 {
+            let [from, width, height, smear] = [(); 4].map(|()| random.unit());
+            let (from, smear) = (0.5 + 5.0 * from, 0.02 * smear);
+            let height = libm::pow(10.0, -1.5 + 3.0 * height) * (1.0 - 2.0 * (seed % 2) as f64);
+            let to = match seed % 3 {
+                0 => 9.0,
+                1 => from + 0.3 * width,
+                // One capture.
+                _ => from + 1.0 / f64::from(captures as u8),
+            };
+            let sigma = 2e-3;
+            let surface = |x: f64| 44.0 + 0.3 * x + 0.05 * (x - 2.0) * (x - 2.0);
+            let jump = |x: f64| {
+                let rise = |edge: f64| ((x - edge) / (smear + 1e-9)).clamp(0.0, 1.0);
+                height * (rise(from) - rise(to))
+            };
+            let read = |x: f64| surface(x) + sigma * noise(x, seed);
+            for (k, place) in swept(captures, 1, |x| read(x) + jump(x), |_| None)
+                .iter()
+                .enumerate()
+            {
+                let x = 1.5 + k as f64;
+                // Beside an edge either side is right, and where it is smeared what is between.
+                let off = [0.0, height].map(|jump| place.gamma.0 - surface(x) - jump);
+                let is_between = captures < 4 && off[0] * off[1] < 0.0;
+                let off = off[0].abs().min(off[1].abs());
+                let is_right = is_between || off < 12.0 * sigma;
+                assert!(
+                    place.state != PlaceState::Ok || is_right,
+                    "{captures} {seed} {k}: {off}"
+                );
+            }
+            for place in swept(captures, 1, read, |_| None) {
+                places += 1;
+                false_edges += u32::from(place.state == PlaceState::Edge);
+            }
+        }
+    }
+    std::println!("{false_edges} of {places}");
+    assert!(false_edges * 1000 < places, "{false_edges} of {places}");
 }
 
 /// Where the signal is gone behind the last place it is a place all the same.

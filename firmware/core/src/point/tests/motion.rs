@@ -56,7 +56,7 @@ proptest! {
     }
 }
 
-fn trace(matrix: &[[f64; 6]; 6]) -> f64 {
+fn trace(matrix: &[[f64; 7]; 7]) -> f64 {
     matrix
         .iter()
         .enumerate()

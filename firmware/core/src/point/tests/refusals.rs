@@ -203,6 +203,15 @@ fn readings_of_no_such_ball() {
     small.radius = Mm(5.0);
     let error = calibrate(&good, &[small], &PointQuestion::default()).unwrap_err();
     assert_eq!(error.code(), "residual_too_large", "{error}");
+    // One that is far off draws the beam with it, so that the others strike the ball at one place.
+    for far in [1e3, 1e6, 1e8] {
+        let mut one = good.clone();
+        one[3].gamma.0 = far;
+        assert_eq!(
+            refused(&one, &PointQuestion::default()),
+            "residual_too_large"
+        );
+    }
 }
 
 /// A small circle beside the beam: the ball may be on either side of it, whatever the direction.

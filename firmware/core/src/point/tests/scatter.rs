@@ -151,6 +151,35 @@ fn a_point_is_known_better_than_the_offset() {
     assert!((root(said2[1]) / point - 1.0).abs() < 0.15);
 }
 
+/// With the gain free t takes up what the gain is off, and a point where it was calibrated is
+/// known nearly as well as without: what is said of it is what there is.
+#[test]
+fn a_point_is_known_with_the_gain_free() {
+    let readings = set(&sensor(), &ball(), 100, 5.0);
+    let wanted = PointQuestion {
+        free_gain: true,
+        ..PointQuestion::default()
+    };
+    let random = &mut Random(6);
+    let (number, origin) = (rounds(300), crate::units::Point::from_mm(0.0, 0.0, 0.0));
+    let gammas = [42.0, 44.0, 47.0].map(Mm);
+    let mut sums = [[0.0; 2]; 3];
+    for _ in 0..number {
+        let readings = noisy(&readings, &sensor(), &ball(), 1e-3, random);
+        let fit = calibrate(&readings, &[ball()], &wanted).unwrap();
+        for (gamma, [off2, said2]) in gammas.iter().zip(&mut sums) {
+            let off = fit.sensor.place(origin, *gamma).mm - sensor().place(origin, *gamma).mm;
+            *off2 += off.z * off.z;
+            *said2 += fit.place_uncertainty(*gamma).unwrap().u[2].0.powi(2);
+        }
+    }
+    for (gamma, [off2, said2]) in gammas.iter().zip(sums) {
+        let (off, said) = (libm::sqrt(off2), libm::sqrt(said2));
+        std::println!("{} mm: {}", gamma.0, said / off);
+        assert!((said / off - 1.0).abs() < 0.15, "{gamma:?} {said} {off}");
+    }
+}
+
 /// The covariance is the inverse of the numerical Jacobian's square.
 #[test]
 fn covariance_is_that_of_the_numerical_jacobian() {

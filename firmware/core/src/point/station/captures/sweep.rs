@@ -9,16 +9,20 @@
 //!
 //! Where the three cells do not follow one parabola as well as neighbouring captures agree with each other, the place's own
 //! cell stands alone. Where that does not either, there is an edge within a step, and no point is made of it. Neighbouring
-//! captures show the noise alone: the mean square of their second differences is 6 σ², whatever the surface's slope (after
-//! von Neumann 1941, who took the first).
+//! captures show the noise alone, whatever the surface's slope: the mean square of their second differences is 6 σ² (after
+//! von Neumann 1941, who took the first). A jump is itself among them, and at the end of few captures it hides behind its own
+//! square; the median of their magnitudes is not moved by one jump ([`Noise`]), and both are asked.
 //!
 //! # Limitations
 //!
-//! With fewer than nine captures in a cell there is no parabola: the place is their mean, and an edge is not seen.
-//! What is smaller than a step and smooth is averaged.
+//! A parabola takes nine captures, three cells with four each. Fewer a step are one, at the place itself: nothing shows
+//! whether it stands beside an edge, and it is on one side of it. With fewer than nine in its own cell, a place beside an edge
+//! has no point. A jump that is not seen moves a point by a few
+//! standard deviations of its own noise at most. What is smaller than a step and smooth is averaged.
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::noise::Noise;
 use crate::point::station::record::{PlacePoint, PlaceState};
 use crate::point::station::wire::{NumberedReading, SignalLoss};
 use crate::units::{Mm, Point};
@@ -28,6 +32,9 @@ const FEW: f64 = 9.0;
 
 /// A reading with less than this share of the others' mean SNR is an outlier.
 const OUTLIER: f64 = 0.5;
+
+/// Captures a step with which three cells have a parabola wherever their ends fall.
+pub(in crate::point::station) const LEAST: u32 = 4;
 
 /// How much worse than neighbouring captures agree a parabola may fit, with so many captures: about five standard
 /// deviations of the ratio of the two.
@@ -100,7 +107,7 @@ impl Cell {
     }
 
     /// The parabola's value in the middle and the scatter about it, if the captures follow it.
-    fn smooth(&self) -> Option<(f64, f64)> {
+    fn smooth(&self, noise_of_all: &Noise) -> Option<(f64, f64)> {
         let [s0, s1, s2, s3, s4] = self.x;
         if s0 < FEW || self.neighbours < 1.0 {
             return None;
@@ -112,7 +119,8 @@ impl Cell {
         let scatter = libm::sqrt(left / (s0 - 3.0));
         let noise = libm::sqrt(self.differences / (6.0 * self.neighbours));
         // Readings have six decimals.
-        (scatter <= noise * allowed(s0) + 1e-6).then_some((found.x, scatter))
+        let most = (noise * allowed(s0)).min(noise_of_all.most());
+        (scatter <= most + 1e-6).then_some((found.x, scatter))
     }
 }
 
@@ -129,6 +137,7 @@ pub(in crate::point::station) struct Sweep {
     first: Option<(Vector3<f64>, f64)>,
     /// The last two readings of the line, mm from its first one.
     previous: [Option<f64>; 2],
+    noise: Noise,
 }
 
 impl Sweep {
@@ -141,6 +150,7 @@ impl Sweep {
             cells: [Cell::default(); 3],
             first: None,
             previous: [None; 2],
+            noise: Noise::default(),
         }
     }
 
@@ -153,6 +163,7 @@ impl Sweep {
             return None;
         }
         let done = self.place();
+        self.noise.fade();
         let [_, second, third] = self.cells;
         self.cells = [second, third, Cell::default()];
         self.at = (self.at + 1).max(at.saturating_sub(3));
@@ -194,6 +205,7 @@ impl Sweep {
             let second = gamma - 2.0 * last + before;
             cell.differences += second * second;
             cell.neighbours += 1.0;
+            self.noise.add(second);
         }
         let mut term = 1.0;
         for sum in &mut cell.x {
@@ -252,7 +264,7 @@ impl Sweep {
         let wide = || {
             let is_whole = !before.is_holed() && !behind.is_holed();
             let three = own.with(&before.shifted(-1.0)).with(&behind.shifted(1.0));
-            is_whole.then(|| three.smooth()).flatten()
+            is_whole.then(|| three.smooth(&self.noise)).flatten()
         };
         let along = |(gamma, scatter): (f64, f64)| {
             // The axes stand on the place itself.
@@ -260,15 +272,12 @@ impl Sweep {
             let way = origin.x + own.axes.x / count - self.start_x;
             (gamma, scatter, self.start_x + libm::copysign(middle, way))
         };
-        let fitted = if captures < FEW {
-            let [sum, ..] = own.gamma;
-            let mean = sum / count;
-            let spread = (own.gamma_squared / count - mean * mean).max(0.0);
-            Some((mean, libm::sqrt(spread), found.axes.mm.x))
-        } else {
-            wide().or_else(|| own.smooth()).map(along)
+        let only = || {
+            let [gamma, ..] = own.gamma;
+            (own.came == 1).then_some((gamma, 0.0, found.axes.mm.x))
         };
-        match fitted {
+        let fitted = wide().or_else(|| own.smooth(&self.noise)).map(along);
+        match fitted.or_else(only) {
             Some((gamma, scatter, x)) => {
                 found.gamma = Mm(zero + gamma);
                 found.spread = Mm(scatter);

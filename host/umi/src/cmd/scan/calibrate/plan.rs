@@ -100,6 +100,10 @@ Examples:
   umi scan calibrate plan --machine m.toml --on plane --at 0,0,0 --normal 0.3,-0.2,1 \\
     --swing A=-30..30 --swing C=-180..180 -o poses.csv
 
+A point sensor's program halts at each place for half a second and prints its number and where the
+axes stand. Write the sensor's mean reading of that halt beside them, in mm: x,y,z,gamma, a line
+each, under a header. That is the READINGS.csv of umi scan calibrate point.
+
 For a line scanner the poses go through the calibration itself: what they leave open is refused by
 name, with the number of free motions, and so is what would be uncertain at this noise.
 

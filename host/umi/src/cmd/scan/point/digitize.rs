@@ -13,6 +13,7 @@ use umi_scan::point_sensor::cloud;
 use umi_virtual::scene::{PointSensorSpec, Scene};
 use umi_virtual::station::SensorLineFault;
 
+use super::warned;
 use crate::cmd::Format;
 use crate::cmd::machine::run::scene;
 use crate::cmd::scan::answer::{answer, failure};
@@ -157,6 +158,8 @@ struct Told {
     exchanges: u32,
     exchange_s: f64,
     losses: usize,
+    /// What the calibration had warned of: it holds for the points as well.
+    warnings: Vec<String>,
 }
 
 #[derive(Serialize)]
@@ -187,7 +190,7 @@ impl Digitize {
                 "the scene has no distance sensor: add a [point_sensor] table",
             )
         })?;
-        if let Some(warning) = &known.scale_warning {
+        if let Some(warning) = known.scale_warning() {
             return Err(ScanError::refused(
                 "warm_scale",
                 format_args!("the calibration says: {warning}; then calibrate again"),
@@ -228,6 +231,7 @@ impl Digitize {
             exchanges: done.exchanges,
             exchange_s: done.exchange_s,
             losses: done.losses,
+            warnings: known.warnings,
         };
         match done.alarm {
             None => Ok(told),
@@ -291,8 +295,9 @@ fn numbers<const N: usize>(text: &str, letters: [&str; N]) -> Result<[f64; N], S
     Ok(all)
 }
 
-/// A calibration of this lens is nearer than that; two lenses in one mount are centimetres apart.
-const OTHER_LENS_MM: f64 = 2.0;
+/// A calibration of this lens is nearer than that: a warm scale moves a point by hundredths. Two lenses in one mount are
+/// centimetres apart, a wrong gain some tenths of a millimetre and more.
+const OTHER_LENS_MM: f64 = 0.1;
 
 /// A calibration at readings that this sensor does not have is another lens'.
 fn same_lens(known: &KnownSensor, spec: &PointSensorSpec) -> Result<(), ScanError> {
@@ -309,7 +314,7 @@ fn same_lens(known: &KnownSensor, spec: &PointSensorSpec) -> Result<(), ScanErro
             "other_lens",
             format_args!(
                 "by the calibration a point at the stand-off is {off_mm:.3} mm from where this \
-                 scene's sensor sees it: calibrate with this lens, in this mount"
+                 scene's sensor sees it: calibrate with this lens, in this mount, and look at its gain"
             ),
         ));
     }
@@ -380,5 +385,5 @@ fn text(told: &Told) -> String {
             off.rms, off.max
         );
     }
-    text
+    text + &warned(&told.warnings)
 }

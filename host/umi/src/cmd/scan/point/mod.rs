@@ -3,3 +3,11 @@
 pub(super) mod digitize;
 pub(super) mod points;
 pub(super) mod serve;
+
+/// A line for each warning.
+fn warned(warnings: &[String]) -> String {
+    warnings
+        .iter()
+        .map(|warning| format!("warning: {warning}\n"))
+        .collect()
+}

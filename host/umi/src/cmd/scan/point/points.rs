@@ -9,6 +9,7 @@ use serde::Serialize;
 use umi_scan::ScanError;
 use umi_scan::point_sensor::{calibration, cloud, readings};
 
+use super::warned;
 use crate::cmd::Format;
 use crate::cmd::scan::answer::{answer, failure};
 use crate::cmd::scan::triple::finite;
@@ -52,6 +53,8 @@ struct Written {
     points: usize,
     left_out: usize,
     uncertainty: bool,
+    /// What the calibration had warned of: it holds for the points as well.
+    warnings: Vec<String>,
 }
 
 impl Points {
@@ -60,7 +63,8 @@ impl Points {
         self.force
             .check(&self.output, &[&self.readings, &self.calibration])?;
         answer(self.make(), self.format.json, |written| {
-            format!("{} points\n", written.points)
+            let points = format!("{} points\n", written.points);
+            points + &warned(&written.warnings)
         })
     }
 
@@ -79,6 +83,7 @@ impl Points {
             points: made.points.len(),
             left_out: readings.lines - readings.used.len(),
             uncertainty: made.u_mm.is_some(),
+            warnings: known.warnings,
         })
     }
 }
