@@ -18,6 +18,11 @@ pub(crate) struct Force {
 }
 
 impl Force {
+    /// Whether what is there is to be replaced.
+    pub const fn is_given(self) -> bool {
+        self.force
+    }
+
     /// Refuses an output that is there already, or that is one of the inputs.
     ///
     /// # Errors

@@ -68,7 +68,10 @@ pub(crate) fn answer<F: Flash>(
             around.scans.switch(*on);
             Response::Done
         }
-        Request::HeadGet { nonce } => Response::Head(measure.head_answer(around.now, *nonce)),
+        Request::HeadGet { nonce } => {
+            let is_known = around.caller.key_id.is_some();
+            Response::Head(measure.head_answer(around.now, *nonce, is_known))
+        }
         Request::FeatureGet { feature: place } => feature(measure.brain().run(), *place),
         Request::VerdictGet => verdict(measure.brain().run()),
         Request::JournalInfo => journal(measure, |of, acked| {

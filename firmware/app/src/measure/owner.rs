@@ -69,11 +69,17 @@ impl<F: Flash> Instrument<F> {
             config: *config,
             ..*custody.kept()
         };
-        custody.save(now, kept).map_err(|_| ConfigError::Storage)?;
-        match ledger.record(now, Record::ConfigSet(*config)) {
-            true => Ok(()),
-            false => Err(ConfigError::Storage),
+        let before = custody.kept().config;
+        // A record without its deed is taken back; never a deed without its record.
+        if !ledger.record(now, Record::ConfigSet(*config)) {
+            return Err(ConfigError::Storage);
         }
+        let custody = ledger.custody.get_mut();
+        if custody.is_some_and(|custody| custody.save(now, kept).is_ok()) {
+            return Ok(());
+        }
+        ledger.record(now, Record::ConfigSet(before));
+        Err(ConfigError::Storage)
     }
 
     /// Keeps the greatest run that was judged, if it is another.

@@ -14,7 +14,7 @@ use crate::board::link::Client;
 use crate::files::points::name;
 use crate::files::tool_path::{self, ProgramSource};
 use crate::journal::audit::Audit;
-use crate::journal::{self, FileItem};
+use crate::journal::{self, FileItem, verify};
 use crate::problem::Problem;
 
 /// What a correction is made from.
@@ -24,6 +24,17 @@ pub enum Basis {
     Judged(Box<(Job, Verdict)>),
     /// A transform, and where it is from. The program says that no board made it.
     Given(Box<ProgramSource>),
+}
+
+/// Whose word a journal is to be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum JournalWord {
+    /// A board's: a signed head stands behind the verdict, and the journal's inputs come to it.
+    Signed,
+    /// That of the board with this key.
+    Of([u8; 32]),
+    /// Its own: of a board without a key.
+    Unsigned,
 }
 
 /// Which verdict of a journal.
@@ -38,14 +49,22 @@ pub enum WhichVerdict {
 }
 
 impl Basis {
-    /// A verdict of a journal, or the last one of `umi replay --json`.
+    /// A verdict of a journal, or the last one of `umi replay --json`. A journal is to be signed by
+    /// its board, by the key if that is known, and to say what its own inputs come to.
     ///
     /// # Errors
     /// The file cannot be read or holds no such verdict, or several on a setup of this number; the
-    /// verdict is not OK, or it is the last one and the board took it back.
-    pub fn verdict(path: &Path, which: WhichVerdict) -> Result<Self, Problem> {
+    /// verdict is not OK, or it is the last one and the board took it back. As [`verify::verify`];
+    /// `unsigned`: no head vouches for the verdict; `replay_differs`.
+    pub fn verdict(path: &Path, which: WhichVerdict, word: &JournalWord) -> Result<Self, Problem> {
         let bytes = std::fs::read(path).map_err(|error| Problem::file("read", path, &error))?;
         if umi_core::journal::decode_file(&bytes).is_err() {
+            if matches!(word, JournalWord::Of(_)) {
+                return Err(Problem::trouble(
+                    "usage",
+                    "--board-key is for a journal: what umi replay prints is not signed",
+                ));
+            }
             if which != WhichVerdict::Last {
                 return Err(Problem::trouble(
                     "usage",
@@ -54,6 +73,11 @@ impl Basis {
             }
             return tool_path::verdict(path).map(|source| Self::Given(Box::new(source)));
         }
+        let key = match word {
+            JournalWord::Of(key) => Some(*key),
+            JournalWord::Signed | JournalWord::Unsigned => None,
+        };
+        let verified = verify::verify(&bytes, key, None)?;
         let mut job = None;
         let mut found = None;
         // Boards count setups from 0 after each start, and in each job. One that is judged again keeps
@@ -61,7 +85,7 @@ impl Basis {
         let mut wanted: Vec<(u64, Option<u32>)> = Vec::new();
         let mut is_again = false;
         let mut audit = Audit::default();
-        journal::read(&bytes, |item| {
+        let stretch = journal::read(&bytes, |item| {
             let FileItem::Entry(entry) = item else {
                 // Another job may have been set in between, and another verdict reached.
                 job = None;
@@ -121,11 +145,35 @@ impl Basis {
                 ),
             ));
         }
+        let is_taken_back = audit.taken_back();
+        if let Some((seq, _)) = wanted.last()
+            && *word != JournalWord::Unsigned
+        {
+            if verified.signed_to.is_none_or(|to| to <= *seq) {
+                return Err(Problem::refused(
+                    "unsigned",
+                    format_args!(
+                        "{}: no head that the board has signed vouches for the verdict in entry {seq}: \
+                         whoever had the file can have made it; pull the journal again (umi log pull), \
+                         or ask the board (--verdict board). Of a board without a key: --unsigned",
+                        name(path)
+                    ),
+                ));
+            }
+            if let Some((entry, difference)) = audit.finish(stretch.next).differences.first() {
+                return Err(Problem::refused(
+                    "replay_differs",
+                    format_args!(
+                        "{}: entry {entry} is not what the entries before it come to: {difference}; \
+                         see umi replay. Nothing is corrected by this journal",
+                        name(path)
+                    ),
+                ));
+            }
+        }
         match found {
             // Who names one looks back.
-            Some((_, verdict))
-                if which == WhichVerdict::Last && verdict.ok && audit.taken_back() =>
-            {
+            Some((_, verdict)) if which == WhichVerdict::Last && verdict.ok && is_taken_back => {
                 Err(Problem::refused(
                     "taken_back",
                     format_args!(

@@ -30,6 +30,18 @@ pub struct Stretch {
     pub overwritten: Vec<(u64, u64)>,
 }
 
+impl Stretch {
+    /// Entries that it holds: all but those that were overwritten.
+    #[must_use]
+    pub fn held(&self) -> u64 {
+        let count = |first: u64, next: u64| next.saturating_sub(first);
+        let gone = self.overwritten.iter();
+        gone.fold(count(self.first, self.next), |held, (first, next)| {
+            held.saturating_sub(count(*first, *next))
+        })
+    }
+}
+
 /// What stands in a journal's file.
 #[derive(Debug)]
 pub enum FileItem<'a> {

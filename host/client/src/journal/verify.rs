@@ -27,6 +27,9 @@ pub struct VerifiedFile {
     pub signed_to: Option<u64>,
     /// The key that signed.
     pub key: Option<[u8; 32]>,
+    /// Its last head is over a number that the puller had made: nothing that the board had
+    /// written by then was left out.
+    pub is_ended: bool,
 }
 
 /// Checks a file: every entry, the chain, every head in it; by `key`, if the reader knows the
@@ -38,7 +41,7 @@ pub struct VerifiedFile {
 /// # Errors
 /// With the `seq` of the first entry that is wrong: `entry_damaged`, `entries_missing`,
 /// `chain_broken`, `entry_cut_short`; `head_missing`, `head_signature`, `head_other_board`,
-/// `head_older`. Without: `journal_header_damaged`, and trouble with what is no journal.
+/// `head_older`, `head_not_shown`. Without: `journal_header_damaged`, and trouble with what is no journal.
 pub fn verify(
     bytes: &[u8],
     key: Option<[u8; 32]>,
@@ -169,7 +172,7 @@ impl Check<'_> {
             .head(entry, before, head.evidence.as_ref())
             .map_err(|of| other_evidence(&of))?;
         self.newest = Some(head);
-        self.since = seq + 1;
+        self.since = seq.saturating_add(1);
         Ok(())
     }
 
@@ -219,20 +222,19 @@ impl Check<'_> {
             );
             return Err(Problem::refused("head_older", message).with("seq", next));
         }
-        if let Some(after) = self.after
-            && self
-                .newest
-                .as_ref()
-                .is_none_or(|head| head.boot < after.boot)
-            && !self.is_reached
-        {
-            let message = "nothing in the file shows that it goes on from the head that was kept";
-            return Err(Problem::refused("head_older", message).with("seq", stretch.first));
+        // A board whose older memory was put back signs on from there, with later starts.
+        if let Some(after) = self.after.filter(|_| !self.is_reached) {
+            let message = format!(
+                "nothing in the file shows that it goes on from the head that was kept: the place before entry {} is not in it; pull the journal from there (--from {}), or hold it against a head that was kept later",
+                after.seq, after.seq
+            );
+            return Err(Problem::refused("head_not_shown", message).with("seq", stretch.first));
         }
         Ok(VerifiedFile {
             signed,
             signed_to: self.newest.as_ref().map(|head| head.seq),
             key: self.newest.map(|head| head.key),
+            is_ended: header.nonce.is_some(),
             stretch,
         })
     }

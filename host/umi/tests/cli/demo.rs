@@ -81,13 +81,20 @@ fn the_demo_shows_the_experiment() {
     // The journal replays by itself.
     let journal = folder.path("demo/journal.umij");
     umi(&["replay", &journal]).exits(0);
-    // The correction that the board made, from its journal, to the letter; and in the words
+    // The correction that the board made, from its journal (it has no key), to the letter; and in the words
     // of a control that can express the tilt.
     for setup in [1, 4] {
         let number = setup.to_string();
-        let made = umi(&["correction", "--verdict", &journal, "--plate", &number])
-            .exits(0)
-            .out;
+        let made = umi(&[
+            "correction",
+            "--unsigned",
+            "--verdict",
+            &journal,
+            "--plate",
+            &number,
+        ])
+        .exits(0)
+        .out;
         let verdicts = umi(&["replay", &journal, "--json"]).exits(0).out;
         let sent = verdicts
             .lines()
@@ -99,6 +106,7 @@ fn the_demo_shows_the_experiment() {
         assert_eq!(sent["access"], "open");
         let args = [
             "correction",
+            "--unsigned",
             "--verdict",
             &journal,
             "--plate",
@@ -111,9 +119,16 @@ fn the_demo_shows_the_experiment() {
         let left = |value: &serde_json::Value| value["leftover_mm"].as_f64().unwrap();
         assert!(left(&better) < left(&sent["correction"]) && left(&better) < 0.002);
     }
-    umi(&["correction", "--verdict", &journal, "--plate", "0"])
-        .exits(2)
-        .says("taught");
+    umi(&[
+        "correction",
+        "--unsigned",
+        "--verdict",
+        &journal,
+        "--plate",
+        "0",
+    ])
+    .exits(2)
+    .says("taught");
 }
 
 /// For machines: each decision, each surface, and where the report is.

@@ -40,7 +40,12 @@ impl<F: Flash> Instrument<F> {
     /// The answer to a host that asks for a head. What was signed stands in the journal, and not
     /// in memory besides.
     #[inline(never)]
-    pub(crate) fn head_answer(&mut self, now: Micros, nonce: Option<[u8; 32]>) -> HeadAnswer {
+    pub(crate) fn head_answer(
+        &mut self,
+        now: Micros,
+        nonce: Option<[u8; 32]>,
+        is_known: bool,
+    ) -> HeadAnswer {
         let ledger = &mut self.ledger;
         if !ledger.heads.signer.is_some() {
             return HeadAnswer::NoKey;
@@ -59,7 +64,7 @@ impl<F: Flash> Instrument<F> {
             Some(head) => HeadAnswer::Signed(head),
             None => {
                 if let Some(nonce) = nonce {
-                    ledger.heads.ask(nonce, now);
+                    ledger.heads.ask(nonce, now, is_known);
                 }
                 HeadAnswer::Pending
             }

@@ -57,8 +57,12 @@ pub(crate) struct Heads {
     pub is_due: bool,
     /// When the latest input came.
     pub latest: Micros,
-    /// How often a host may ask for one over a new nonce: each is a piece of evidence.
+    /// How often hosts may ask for one over a new nonce: each is a piece of evidence.
     turns: Bucket<32, 10_000_000>,
+    /// The same for those with a key, from whom nobody else takes a turn.
+    known_turns: Bucket<32, 10_000_000>,
+    /// Who waits has a key.
+    is_known: bool,
 }
 
 impl Heads {
@@ -71,6 +75,8 @@ impl Heads {
             is_due: false,
             latest: Micros(0),
             turns: Bucket::new(),
+            known_turns: Bucket::new(),
+            is_known: false,
         }
     }
 
@@ -98,15 +104,50 @@ impl Heads {
         self.latest = now;
     }
 
-    /// A host asks for one over this nonce.
-    pub fn ask(&mut self, nonce: [u8; 32], now: Micros) {
-        if !self.has_asked(&nonce) && self.turns.take(now) {
+    /// A host asks for one over this nonce: in its session, or anybody.
+    pub fn ask(&mut self, nonce: [u8; 32], now: Micros, is_known: bool) {
+        let is_taken = self.is_known && !is_known && self.asked.is_some();
+        let turns = if is_known {
+            &mut self.known_turns
+        } else {
+            &mut self.turns
+        };
+        if !is_taken && !has_asked(&self.asked, &nonce) && turns.take(now) {
             self.asked.put((nonce, now));
+            self.is_known = is_known;
         }
     }
+}
 
-    /// Whether a host has asked for this one already.
-    fn has_asked(&self, nonce: &[u8; 32]) -> bool {
-        self.asked.get().is_some_and(|(of, _)| of == nonce)
+/// Whether a host has asked for this one already.
+fn has_asked(asked: &ZeroOption<([u8; 32], Micros)>, nonce: &[u8; 32]) -> bool {
+    asked.get().is_some_and(|(of, _)| of == nonce)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whoever asks without a key for one head after the other takes no turn of those who have one, and puts no nonce in
+    /// the place of theirs.
+    #[test]
+    fn a_stranger_takes_no_turn_of_a_key() {
+        let mut heads = Heads::new();
+        let mut taken = 0;
+        for nonce in 0..200 {
+            heads.ask([nonce; 32], Micros(0), false);
+            taken += u32::from(heads.asked.take().is_some());
+        }
+        assert!(taken <= 32, "{taken}");
+        heads.ask([201; 32], Micros(0), true);
+        assert!(has_asked(&heads.asked, &[201; 32]));
+        let later = Micros(60_000_000);
+        heads.ask([202; 32], later, false);
+        assert!(has_asked(&heads.asked, &[201; 32]));
+        heads.asked.take();
+        heads.ask([203; 32], later, false);
+        assert!(has_asked(&heads.asked, &[203; 32]));
+        heads.ask([204; 32], later, true);
+        assert!(has_asked(&heads.asked, &[204; 32]));
     }
 }

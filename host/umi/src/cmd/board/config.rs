@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 use umi_client::board::link::{Client, ConfigRefusal};
 use umi_client::files::{config_file, job_file};
 use umi_protocol::config::{BoardConfig, Fallbacks};
+use umi_protocol::job_error::JobError;
 
 use crate::cmd::{Board, Format};
 use crate::failure::Failure;
@@ -203,6 +204,13 @@ impl Diff {
 impl Apply {
     fn run(self) -> Result<(), Failure> {
         let config = read_file(&self.file)?;
+        // As a copy that broke off leaves one.
+        if std::fs::metadata(&self.file).is_ok_and(|found| found.len() == 0) {
+            return Err(Failure::refused(
+                "config_syntax",
+                "the file is empty, and would take every ceiling away: to do that, write [ceilings] alone",
+            ));
+        }
         replace(&mut self.board.connect()?, &config, self.format.json)
     }
 }
@@ -224,6 +232,9 @@ fn replace(board: &mut Client, config: &BoardConfig, json: bool) -> Result<(), F
         Err(ConfigRefusal::NotOnThisBoard) => return Err(not_on_this_board()),
         Err(ConfigRefusal::Job(error)) => {
             let problem = job_file::refusal(&error);
+            if error == JobError::TooOften {
+                return Err(problem.into());
+            }
             let note = "\nthe job in force asks for more: set another job first";
             return Err(Failure::from(problem).noted(note));
         }

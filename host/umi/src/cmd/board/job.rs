@@ -128,6 +128,8 @@ struct Get {
     output: Option<PathBuf>,
     #[command(flatten)]
     force: Force,
+    #[command(flatten)]
+    format: Format,
 }
 
 impl Job {
@@ -269,11 +271,20 @@ impl Get {
         }
         let job = self.board.connect()?.job()?.job.ok_or_else(no_job)?;
         let text = job_file::write(&job)?;
-        match self.output.as_deref() {
-            None => print(&text),
-            Some(path) if path == Path::new("-") => print(&text),
-            Some(path) => self.force.write(path, &[], text),
+        match self
+            .output
+            .as_deref()
+            .filter(|path| *path != Path::new("-"))
+        {
+            Some(path) => self.force.write(path, &[], text)?,
+            None if self.format.json => {}
+            None => print(&text)?,
         }
+        if self.format.json {
+            let file = self.output.as_ref().map(|path| path.display().to_string());
+            return print_json(&json!({ "job": job, "file": file }));
+        }
+        Ok(())
     }
 }
 

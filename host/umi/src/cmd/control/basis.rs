@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use umi_client::files::tool_path;
-use umi_client::job::correction::{Basis, WhichVerdict};
+use umi_client::files::{key_file, tool_path};
+use umi_client::job::correction::{Basis, JournalWord, WhichVerdict};
 use umi_core::rewrite::MeasuredIn;
 
 use crate::cmd::Board;
@@ -32,6 +32,17 @@ pub(crate) struct MovedBy {
         conflicts_with = "setup"
     )]
     entry: Option<u64>,
+    /// The board's public key (umi access board-key): the journal must be signed by it
+    #[arg(
+        long,
+        value_name = "BOARD.pub",
+        requires = "verdict",
+        conflicts_with = "transform"
+    )]
+    board_key: Option<PathBuf>,
+    /// Take a journal at its word that no board has signed, as of a board without a key
+    #[arg(long, requires = "verdict", conflicts_with_all = ["transform", "board_key"])]
+    unsigned: bool,
     /// A JSON file: {"rotation": 3 rows, "translation_mm": [x, y, z]}
     #[arg(long, value_name = "FILE")]
     transform: Option<PathBuf>,
@@ -61,6 +72,12 @@ impl MovedBy {
         };
         Ok(match (&self.verdict, &self.transform) {
             (Some(path), _) if path == Path::new("board") => {
+                if self.board_key.is_some() {
+                    return Err(Failure::trouble(
+                        "usage",
+                        "--board-key is for a journal: a board proves its key in a session (--key)",
+                    ));
+                }
                 if which != WhichVerdict::Last {
                     return Err(Failure::trouble(
                         "usage",
@@ -69,7 +86,14 @@ impl MovedBy {
                 }
                 Some(Basis::board(&mut self.board.connect()?)?)
             }
-            (Some(path), _) => Some(Basis::verdict(path, which)?),
+            (Some(path), _) => {
+                let word = match &self.board_key {
+                    Some(path) => JournalWord::Of(key_file::read_public(path)?),
+                    None if self.unsigned => JournalWord::Unsigned,
+                    None => JournalWord::Signed,
+                };
+                Some(Basis::verdict(path, which, &word)?)
+            }
             (None, Some(path)) => Some(Basis::Given(Box::new(tool_path::transform(path)?))),
             (None, None) => None,
         })

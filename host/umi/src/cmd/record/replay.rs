@@ -9,6 +9,7 @@ use serde_json::json;
 use umi_client::files::capture::CaptureLook;
 use umi_client::journal::audit::{Audit, Findings};
 use umi_client::journal::guarding::Guarding;
+use umi_client::journal::verify::VerifiedFile;
 use umi_client::journal::{self, FileItem};
 use umi_client::session::DecisionRecord;
 use umi_client::session::SessionBuilder;
@@ -19,6 +20,7 @@ use umi_protocol::message::Record;
 use umi_protocol::records::fault::{Fault, FaultCode};
 use umi_report::terminal;
 
+use super::log::signed_by;
 use crate::cmd::{Format, session_job};
 
 /// A captured byte file through a virtual board, or the audit of a journal
@@ -59,8 +61,8 @@ impl Replay {
             std::fs::read(&self.file).map_err(|error| Failure::file("read", &self.file, &error))?;
         if umi_core::journal::decode_file(&bytes).is_ok() {
             // What nobody would vouch for is not replayed.
-            journal::verify::verify(&bytes, None, None)?;
-            return self.audit(&bytes);
+            let verified = journal::verify::verify(&bytes, None, None)?;
+            return self.audit(&bytes, &verified);
         }
         let Some(job) = &self.job else {
             return Err(Failure::trouble(
@@ -93,7 +95,7 @@ impl Replay {
         Ok(())
     }
 
-    fn audit(&self, bytes: &[u8]) -> Result<(), Failure> {
+    fn audit(&self, bytes: &[u8], verified: &VerifiedFile) -> Result<(), Failure> {
         let mut audit = Audit::default();
         let mut shown: Option<Shown> = None;
         let mut board = Guarding::default();
@@ -125,7 +127,7 @@ impl Replay {
             shown.finish()?;
         }
         let taken_back = audit.taken_back();
-        self.report(&audit.finish(stretch.next), taken_back)
+        self.report(&audit.finish(stretch.next), taken_back, verified)
     }
 
     /// Closes what is printed for machines: behind it nothing takes the last verdict back.
@@ -133,7 +135,12 @@ impl Replay {
         print_json(&json!({"type": "end", "taken_back": taken_back}))
     }
 
-    fn report(&self, findings: &Findings, taken_back: bool) -> Result<(), Failure> {
+    fn report(
+        &self,
+        findings: &Findings,
+        taken_back: bool,
+        verified: &VerifiedFile,
+    ) -> Result<(), Failure> {
         let Findings {
             identical,
             differences,
@@ -149,6 +156,8 @@ impl Replay {
                 "identical": identical,
                 "differences": differences,
                 "skipped": skipped,
+                "signed": verified.signed,
+                "key_id": verified.key.as_ref().map(journal::key_id),
             }))?;
             self.end(taken_back)?;
         } else {
@@ -165,11 +174,15 @@ impl Replay {
                     paint(BAD, "differs")
                 ))?;
             }
-            if differences.is_empty() {
+            if *identical == 0 && differences.is_empty() {
+                let what = "it holds no decision that could be replayed";
+                print(&format!("{}\n", paint(CAUTION, what)))?;
+            } else if differences.is_empty() {
                 let what = count(*identical, "decision");
                 let what = format!("{what} replayed, identical to the last bit");
                 print(&format!("{}\n", paint(GOOD, what)))?;
             }
+            print(&format!("{}\n", signed_by(verified)))?;
         }
         if differences.is_empty() {
             Ok(())

@@ -134,7 +134,7 @@ fn a_pulled_journal_lists_like_the_board() {
         "0  0:00:00.000000  started by power: board test 0042, firmware 0.1.0",
         r#"received 18 bytes: "SPHERE1\r\n-135.0190""#,
         "3 bytes lost before the receiver",
-        "entries 0 to 4: verified",
+        "entries 0 to 4: read whole",
         pulled["chain"].as_str().unwrap(),
     ] {
         assert!(from_file.contains(words), "no {words:?} in\n{from_file}");

@@ -363,10 +363,11 @@ fn a_verdict_means_one_thing() {
     };
     let by_board = moved(&["board", "--port", &port]);
     assert_eq!(moved(&[&printed]), by_board);
-    assert_eq!(moved(&[&journal]), by_board);
-    assert_eq!(moved(&[&journal, "--plate", "4"]), by_board);
+    // This board has no key.
+    assert_eq!(moved(&[&journal, "--unsigned"]), by_board);
+    assert_eq!(moved(&[&journal, "--unsigned", "--plate", "4"]), by_board);
     // And so does the correction program.
-    for verdict in [&["board", "--port", &port][..], &[&journal]] {
+    for verdict in [&["board", "--port", &port][..], &[&journal, "--unsigned"]] {
         let args = [&["correction", "--verdict"], verdict].concat();
         let made = umi(&args).exits(0).out;
         assert!(made.contains("G68"), "{made}");
@@ -379,6 +380,7 @@ fn a_verdict_means_one_thing() {
         "-",
         "--verdict",
         &journal,
+        "--unsigned",
         "--plate",
         "99",
     ])
@@ -428,11 +430,11 @@ fn a_program_belongs_to_its_run() {
         let journal = bench.folder.path("j.umij");
         umi(&["log", "--port", &board.serve(), "-o", &journal, "--force"]).exits(0);
         let args = ["nc", "rewrite", &program, "-o", &bench.out, "--force"];
-        let args = [&args[..], &["--verdict", &journal]].concat();
+        let args = [&args[..], &["--verdict", &journal, "--unsigned"]].concat();
         let said = umi(&args).exits(0).out;
         let machine = umi(&[&args[..], &["--json"]].concat()).exits(0).json();
         let diff = ["nc", "diff", &program, &bench.out, "--verdict", &journal];
-        umi(&diff).exits(0);
+        umi(&[&diff[..], &["--unsigned"]].concat()).exits(0);
         let made = bench.made();
         // Its comparison is none for another control.
         let other = umi(&[&args[..], &["--dialect", "linuxcnc"]].concat());

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 use umi_core::journal::{Entry, FILE_HEADER_SIZE, FileHeader, OVERHEAD, decode_file, encode_entry};
+use umi_protocol::message::Record;
 use umi_virtual::serve::{Port, PortPlace};
 use umi_virtual::{BoardTime, Config, KEY, VirtualBoard, VirtualFlash};
 
@@ -116,6 +117,8 @@ fn a_pulled_journal_is_the_boards_word() {
             "file",
             "signed",
             "signed_to",
+            "ended",
+            "entries",
             "key_id",
             "overwritten"
         ]
@@ -246,7 +249,7 @@ fn forged_journals_are_refused() {
         journal: older,
         ..config
     };
-    let (_board, port) = start(&rolled);
+    let (again, port) = start(&rolled);
     let back = folder.path("back.umij");
     umi(&["log", "pull", &back, "--port", &port]).exits(0);
     umi(&["log", "verify", &back, "--key", &key]).exits(0);
@@ -254,6 +257,135 @@ fn forged_journals_are_refused() {
         "log", "verify", &back, "--key", &key, "--after", &head, "--json",
     ];
     assert_eq!(error(umi(&args))["code"], "head_older");
+    // It has gone on for longer than the kept head reaches, and the file begins behind its place.
+    talk(&again, 30);
+    let place = umi(&["log", "head", "--json", "--port", &port])
+        .exits(0)
+        .json()["seq"]
+        .to_string();
+    umi(&[
+        "log", "pull", &back, "--from", &place, "--force", "--port", &port,
+    ])
+    .exits(0);
+    assert_eq!(error(umi(&args))["code"], "head_not_shown");
+}
+
+/// A correction is made by a journal only if a head of the board stands behind the verdict, and its inputs come to it: a
+/// verdict that was changed, a file without heads, another board's. Who says `--unsigned` takes the file's word.
+#[test]
+fn a_forged_verdict_corrects_nothing() {
+    const VERDICT: u8 = 10;
+    const HEAD: u8 = 24;
+    let (folder, config) = (Folder::new(), config());
+    let (board, port) = start(&config);
+    let job = folder.file(
+        "j.toml",
+        include_str!("../../../../../examples/three-spheres.toml"),
+    );
+    umi(&["job", "set", &job, "--port", &port]).exits(0);
+    let session = include_str!("../../../../../examples/session.txt");
+    let two: String = session.split_inclusive('\n').take(54).collect();
+    board.control_sends(two.as_bytes());
+    let judged = || umi(&["info", "--json", "--port", &port]).json()["status"]["verdicts"] == 2;
+    while !judged() {
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let (key, other, file) = (
+        folder.path("board.pub"),
+        folder.path("other.pub"),
+        folder.path("a.umij"),
+    );
+    umi(&["access", "board-key", "-o", &key, "--port", &port]).exits(0);
+    let (_other, elsewhere) = start(&self::config());
+    umi(&["access", "board-key", "-o", &other, "--port", &elsewhere]).exits(0);
+    umi(&["log", "pull", &file, "--port", &port]).exits(0);
+    let by = |file: &str, more: &[&str]| {
+        umi(&[&["correction", "--json", "--verdict", file], more].concat())
+    };
+    let made = by(&file, &[]).exits(0).out;
+    assert_eq!(by(&file, &["--board-key", &key]).exits(0).out, made);
+    assert_eq!(
+        error(by(&file, &["--board-key", &other]))["code"],
+        "head_other_board"
+    );
+    let honest = std::fs::read(&file).unwrap();
+    let moved = |all: &mut Vec<(u8, u64, Vec<u8>)>| {
+        let last = all.iter_mut().rfind(|entry| entry.0 == VERDICT).unwrap();
+        let Ok(Record::Verdict(mut verdict)) = postcard::from_bytes(&last.2) else {
+            panic!("no verdict");
+        };
+        verdict.registration.as_mut().unwrap().translation_mm[0] += 10.0;
+        let mut room = [0; umi_protocol::message::MAX_RECORD];
+        let record = Record::Verdict(verdict);
+        last.2 = postcard::to_slice(&record, &mut room).unwrap().to_vec();
+    };
+    let changed = folder.file("changed.umij", forged(&honest, moved));
+    assert_eq!(error(by(&changed, &[]))["code"], "head_signature");
+    let bare = |change: &dyn Fn(&mut Vec<(u8, u64, Vec<u8>)>)| {
+        let file = forged(&honest, |all| {
+            all.retain(|entry| entry.0 != HEAD);
+            change(all);
+        });
+        let (header, _) = FileHeader::decode(&file).unwrap();
+        let header = FileHeader {
+            nonce: None,
+            ..header
+        };
+        [&header.encode()[..], &file[FILE_HEADER_SIZE..]].concat()
+    };
+    let (stripped, made_up) = (
+        folder.file("bare.umij", bare(&|_| {})),
+        folder.file("made.umij", bare(&moved)),
+    );
+    for file in [&stripped, &made_up] {
+        assert_eq!(error(by(file, &[]))["code"], "unsigned");
+        by(file, &["--unsigned"]).exits(0);
+    }
+    assert_eq!(by(&stripped, &["--unsigned"]).out, made);
+    let replayed = umi(&["replay", &stripped]).exits(0).out;
+    assert!(replayed.contains("unsigned"), "{replayed}");
+    umi(&["replay", &made_up]).exits(2);
+    let program = crate::rig::run::project("examples/part.nc");
+    let rewrite = ["nc", "rewrite", &program, "-o", "-", "--verdict", &changed];
+    umi(&rewrite).exits(2).says("signature");
+}
+
+/// A file whose end is not signed over the puller's number says so: what the board wrote behind its last head can have been
+/// left out. What an impostor's pull has left under the name does not stand in the way of an honest one.
+#[test]
+fn an_end_that_was_not_signed_is_told() {
+    let (folder, config) = (Folder::new(), config());
+    let (board, port) = start(&config);
+    talk(&board, 5);
+    let (_other, elsewhere) = start(&self::config());
+    let (file, foreign) = (folder.path("a.umij"), folder.path("foreign.umij"));
+    umi(&["log", "pull", &foreign, "--port", &elsewhere]).exits(0);
+    let open_end = |path: &str| {
+        let bytes = std::fs::read(path).unwrap();
+        let (header, _) = FileHeader::decode(&bytes).unwrap();
+        let header = FileHeader {
+            nonce: None,
+            ..header
+        };
+        [&header.encode()[..], &bytes[FILE_HEADER_SIZE..]].concat()
+    };
+    folder.file("a.umij.part", open_end(&foreign));
+    let pulled = umi(&["log", "pull", &file, "--json", "--port", &port]);
+    let pulled = pulled.exits(0).json();
+    assert_eq!(
+        (&pulled["signed"], &pulled["ended"]),
+        (&true.into(), &true.into())
+    );
+    assert_eq!(pulled["entries"], pulled["next_seq"]);
+    let open = folder.file("open.umij", open_end(&file));
+    let told = umi(&["log", "verify", &open, "--json"]).exits(0).json();
+    assert_eq!(
+        (&told["signed"], &told["ended"]),
+        (&true.into(), &false.into())
+    );
+    let told = umi(&["log", "verify", &open]).exits(0).out;
+    assert!(told.contains("can have been left out"), "{told}");
+    assert!(told.contains("not held against a board key"), "{told}");
 }
 
 /// The cells of a flash as they are now.

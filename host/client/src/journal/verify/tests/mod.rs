@@ -121,7 +121,7 @@ impl Writer<'_> {
             self.journal.places.push((at, self.seq, before));
             self.journal.file.extend(room);
         }
-        self.seq += 1;
+        self.seq = self.seq.wrapping_add(1);
     }
 
     fn made(&mut self, made: &Made, is_kept: bool) {
@@ -176,8 +176,13 @@ impl Writer<'_> {
 
 /// The file of these entries, as a board with this key would have written them.
 fn written(key: &BoardKey, made: &[Made], nonce: Option<[u8; 32]>) -> Journal {
+    written_from(17, key, made, nonce)
+}
+
+/// The same, whose entries begin with this one.
+fn written_from(first_seq: u64, key: &BoardKey, made: &[Made], nonce: Option<[u8; 32]>) -> Journal {
     let header = FileHeader {
-        first_seq: 17,
+        first_seq,
         chain_before: Chain([7; 32]),
         nonce,
     };
@@ -545,6 +550,42 @@ fn what_is_cut_or_of_another_board_is_named() {
     assert_eq!(
         refused(&journal.file, &key, Some(&changed)).0,
         "head_signature"
+    );
+}
+
+/// Entries at the end of all numbers: nobody's board writes so many, and nothing breaks.
+#[test]
+fn the_last_number_of_all_breaks_nothing() {
+    let (key, made) = (board_key(1), entries(&mut Random(9), 6, 2));
+    for first in (0..8).map(|back| u64::MAX - back) {
+        let journal = written_from(first, &key, &made, None);
+        for bytes in (0..journal.file.len())
+            .step_by(7)
+            .chain([journal.file.len()])
+        {
+            if let Ok(verified) = verify(&journal.file[..bytes], None, None) {
+                assert!(verified.stretch.held() <= 8);
+            }
+        }
+    }
+}
+
+/// A file that begins behind the place of a kept head does not show that it goes on from there: a board whose older
+/// memory was put back signs with later starts, too.
+#[test]
+fn a_file_behind_a_kept_head_shows_nothing_of_it() {
+    let key = board_key(1);
+    let kept = written(&key, &entries(&mut Random(5), 60, 10), None);
+    let later = written_from(90, &key, &entries_of(7, &mut Random(6), 60, 10), None);
+    let after = kept.heads.last();
+    assert!(
+        verify(&later.file, Some(key.public()), None)
+            .unwrap()
+            .signed
+    );
+    assert_eq!(
+        refused(&later.file, &key, after),
+        ("head_not_shown", Some(90))
     );
 }
 

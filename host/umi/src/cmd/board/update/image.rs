@@ -13,7 +13,7 @@ use umi_protocol::update::ImageVersion;
 use crate::cmd::{Format, passphrase};
 use crate::failure::Failure;
 use crate::output::Force;
-use crate::show::terminal::{GOOD, Table, paint, print, print_json};
+use crate::show::terminal::{CAUTION, GOOD, Table, paint, print, print_json};
 
 /// Sign an image of a board's firmware, or show one
 #[derive(Args)]
@@ -151,7 +151,10 @@ impl Show {
         }
         let told = match signed {
             Some(_) => paint(GOOD, "signed by this key\n"),
-            None => String::new(),
+            None => paint(
+                CAUTION,
+                "not held against a key: anybody can have made it (--key FW.pub)\n",
+            ),
         };
         print(&format!("{told}{}", table(&image.header)))
     }

@@ -9,8 +9,10 @@ use umi_client::journal::guarding::Guarding;
 use umi_client::journal::{self, FileItem};
 use umi_core::journal::Entry;
 
+use super::Format;
 use crate::failure::Failure;
 use crate::output::Force;
+use crate::show::terminal::print_json;
 
 /// Write a pulled journal as a table or as lines of JSON
 #[derive(Args)]
@@ -35,6 +37,8 @@ pub(super) struct Export {
     output: PathBuf,
     #[command(flatten)]
     force: Force,
+    #[command(flatten)]
+    told: Format,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -59,7 +63,7 @@ impl Export {
         if let Form::Csv = self.format {
             out.extend_from_slice(b"seq,t_us,type,record\r\n");
         }
-        let mut guarding = Guarding::default();
+        let (mut guarding, mut rows) = (Guarding::default(), 0_u64);
         journal::read(&bytes, |item| {
             let (seq, t_us, value) = match item {
                 FileItem::Entry(entry) => {
@@ -74,6 +78,7 @@ impl Export {
                     (gap.first, None, value)
                 }
             };
+            rows += 1;
             let written = match self.format {
                 #[cfg(feature = "cloud-formats")]
                 Form::Parquet => {
@@ -99,7 +104,12 @@ impl Export {
                 )
             })?;
         }
-        self.force.write(&self.output, &[&self.file], out)
+        self.force.write(&self.output, &[&self.file], out)?;
+        if self.told.json {
+            let file = self.output.display().to_string();
+            return print_json(&json!({"type": "exported", "rows": rows, "file": file}));
+        }
+        Ok(())
     }
 }
 

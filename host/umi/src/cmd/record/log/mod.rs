@@ -106,7 +106,7 @@ impl Log {
                     goes_on: false,
                 };
                 let pulled = pull.run(&mut self.board.connect()?)?;
-                sum_up(self.format.json, &pulled, Some(output))
+                sum_up(self.format.json, &pulled, Some(output), true)
             }
             (None, None) => self.list_board(),
         }
@@ -122,7 +122,7 @@ impl Log {
             _ => Ok(()),
         })?;
         let verified = journal::verify::verify(&bytes, None, None)?;
-        sum_up(self.format.json, &verified, None)
+        sum_up(self.format.json, &verified, None, false)
     }
 
     fn list_board(&self) -> Result<(), Failure> {
@@ -141,8 +141,8 @@ impl Log {
             return print_json(&Value::Object(summary(&pulled.stretch, None)));
         }
         let Stretch { first, next, .. } = pulled.stretch;
-        let chain = pulled.stretch.chain;
-        let entries = paint(GOOD, entries(first, next));
+        let (chain, held) = (pulled.stretch.chain, pulled.stretch.held());
+        let entries = paint(GOOD, entries(first, next, held, "read whole"));
         print(&format!("{entries}\nchain value {chain}\n"))
     }
 
@@ -195,7 +195,14 @@ impl Log {
 }
 
 /// What was read and proven, in a line for machines or in words.
-fn sum_up(json: bool, verified: &VerifiedFile, file: Option<&Path>) -> Result<(), Failure> {
+///
+/// `is_known`: the key is that of the reader, or of the board at the other end.
+fn sum_up(
+    json: bool,
+    verified: &VerifiedFile,
+    file: Option<&Path>,
+    is_known: bool,
+) -> Result<(), Failure> {
     if json {
         return print_json(&machine(verified, file));
     }
@@ -203,7 +210,39 @@ fn sum_up(json: bool, verified: &VerifiedFile, file: Option<&Path>) -> Result<()
         first, next, chain, ..
     } = verified.stretch;
     let to = file.map_or(String::new(), |path| format!(", in {}", path.display()));
-    let signed = match (&verified.key, verified.signed, verified.signed_to) {
+    let signed = signed_by(verified);
+    let held = verified.stretch.held();
+    let read = if verified.signed {
+        paint(GOOD, entries(first, next, held, "verified"))
+    } else {
+        paint(CAUTION, entries(first, next, held, "read whole"))
+    };
+    let mut text = format!("{read}{to}\n{signed}\n");
+    if verified.key.is_some() && !is_known {
+        text += "not held against a board key that you know: --key BOARD.pub\n";
+    }
+    if verified.key.is_some() && !verified.is_ended {
+        let open = "its end is not signed over the number of who pulled it: entries behind its last head can have been left out";
+        text += &format!("{}\n", paint(CAUTION, open));
+    }
+    for (first, next) in &verified.stretch.overwritten {
+        let lost = format!(
+            "entries {first} to {} are not in it: overwritten on the board{}",
+            next - 1,
+            if verified.signed {
+                ""
+            } else {
+                ", says the file"
+            }
+        );
+        text += &format!("{}\n", paint(CAUTION, lost));
+    }
+    print(&format!("{text}chain value {chain}\n"))
+}
+
+/// Whose word it is.
+pub(super) fn signed_by(verified: &VerifiedFile) -> String {
+    match (&verified.key, verified.signed, verified.signed_to) {
         (Some(key), true, _) => paint(GOOD, format_args!("signed by board key {}", key_id(key))),
         (Some(key), false, Some(to)) => paint(
             CAUTION,
@@ -216,16 +255,7 @@ fn sum_up(json: bool, verified: &VerifiedFile, file: Option<&Path>) -> Result<()
             CAUTION,
             "unsigned: whoever had the file can have made it anew",
         ),
-    };
-    let mut text = format!("{}{to}\n{signed}\n", paint(GOOD, entries(first, next)));
-    for (first, next) in &verified.stretch.overwritten {
-        let lost = format!(
-            "entries {first} to {} were overwritten on the board before",
-            next - 1
-        );
-        text += &format!("{}\n", paint(CAUTION, lost));
     }
-    print(&format!("{text}chain value {chain}\n"))
 }
 
 /// The same for machines.
@@ -233,6 +263,8 @@ fn machine(verified: &VerifiedFile, file: Option<&Path>) -> Value {
     let mut object = summary(&verified.stretch, file);
     object.insert("signed".into(), verified.signed.into());
     object.insert("signed_to".into(), verified.signed_to.into());
+    object.insert("ended".into(), verified.is_ended.into());
+    object.insert("entries".into(), verified.stretch.held().into());
     let key = verified.key.as_ref().map(key_id);
     object.insert("key_id".into(), key.into());
     let overwritten: Vec<_> = verified.stretch.overwritten.iter().collect();
@@ -251,10 +283,11 @@ fn summary(stretch: &Stretch, file: Option<&Path>) -> Map<String, Value> {
     object
 }
 
-fn entries(first: u64, next: u64) -> String {
+fn entries(first: u64, next: u64, held: u64, what: &str) -> String {
     match next.checked_sub(first) {
-        None | Some(0) => "no entries".to_owned(),
-        Some(_) => format!("entries {first} to {}: verified", next - 1),
+        _ if held == 0 => "no entries".to_owned(),
+        Some(all) if all == held => format!("entries {first} to {}: {what}", next - 1),
+        _ => format!("{held} entries of {first} to {}: {what}", next - 1),
     }
 }
 

@@ -8,8 +8,9 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use umi_client::board::link::Client;
 use umi_client::journal::verify::VerifiedFile;
-use umi_client::journal::{self, Begun, PullRequest, PullStep, Unsigned};
+use umi_client::journal::{self, Begun, PullRequest, PullStep, Unsigned, key_id};
 use umi_core::journal::{FILE_HEADER_SIZE, decode_file};
+use umi_protocol::head::HeadAnswer;
 
 use super::{Board, Format, sum_up};
 use crate::failure::Failure;
@@ -47,12 +48,12 @@ impl PullFile {
         let pull = Pull {
             file: &self.file,
             from: self.from,
-            goes_on: true,
+            goes_on: !self.force.is_given(),
         };
         let mut board = self.board.connect()?;
         board.host_time(crate::show::utc::now_utc_s())?;
         let verified = pull.run(&mut board)?;
-        sum_up(self.format.json, &verified, Some(&self.file))
+        sum_up(self.format.json, &verified, Some(&self.file), true)
     }
 }
 
@@ -71,7 +72,13 @@ impl Pull<'_> {
         // Under its own name only when it is complete.
         let part = part_of(path);
         let failed = |error| Failure::file("write", &part, &error);
-        let (file, begun) = self.begin(&part).map_err(failed)?;
+        // What an earlier pull has left is gone on with only if it is this board's as well.
+        let key = self
+            .goes_on
+            .then(|| board_key(board))
+            .transpose()?
+            .flatten();
+        let (file, begun) = self.begin(&part, key).map_err(failed)?;
         let mut file = BufWriter::new(file);
         let bar = ProgressBar::no_length().with_style(style());
         let wanted = PullRequest {
@@ -109,9 +116,21 @@ impl Pull<'_> {
         // What is in the file is what is told of it.
         let bytes = std::fs::read(&part).map_err(failed)?;
         let verified = journal::verify::verify(&bytes, None, None)?;
+        if let (Some(proven), Some(key)) = (board.proven_board(), verified.key)
+            && *proven != key
+        {
+            return Err(Failure::refused(
+                "head_other_board",
+                format_args!(
+                    "the heads are signed by key {}, and the board has proven that it is {}",
+                    key_id(&key),
+                    key_id(proven)
+                ),
+            ));
+        }
         std::fs::rename(&part, path).map_err(|error| Failure::file("write", path, &error))?;
         if pulled.unsigned == Some(Unsigned::Busy) {
-            let text = "the end of the file is not signed: a clamping is under way, or the board overwrites its entries faster than they can be read; pull it again later";
+            let text = "the board has not signed the end of the file: a clamping is under way, many ask it for heads, or it overwrites its entries faster than they can be read; pull it again later";
             print_error(&format!("{} {text}\n", paint(CAUTION, "note:")));
         }
         if pulled.unsigned == Some(Unsigned::Overtaken) {
@@ -122,9 +141,9 @@ impl Pull<'_> {
     }
 
     /// The file, and what of it is there already.
-    fn begin(&self, part: &Path) -> io::Result<(File, Option<Begun>)> {
+    fn begin(&self, part: &Path, key: Option<[u8; 32]>) -> io::Result<(File, Option<Begun>)> {
         if self.goes_on
-            && let Some(found) = self.found(part)?
+            && let Some(found) = self.found(part, key)?
         {
             return Ok(found);
         }
@@ -135,7 +154,11 @@ impl Pull<'_> {
         }
     }
 
-    fn found(&self, part: &Path) -> io::Result<Option<(File, Option<Begun>)>> {
+    fn found(
+        &self,
+        part: &Path,
+        key: Option<[u8; 32]>,
+    ) -> io::Result<Option<(File, Option<Begun>)>> {
         // Not a link.
         if !part.symlink_metadata().is_ok_and(|found| found.is_file()) {
             return Ok(None);
@@ -149,6 +172,12 @@ impl Pull<'_> {
             return Ok(None);
         }
         while let Some(Ok(_)) = entries.next() {}
+        // Cut where its last entry ends, its heads are good ones, and the board's.
+        let whole = bytes.get(..FILE_HEADER_SIZE + entries.offset());
+        let good = whole.and_then(|whole| journal::verify::verify(whole, None, None).ok());
+        if !good.is_some_and(|good| good.key.is_none() || good.key == key) {
+            return Ok(None);
+        }
         let begun = Begun {
             header,
             next: entries.next_seq(),
@@ -168,11 +197,22 @@ fn part_of(path: &Path) -> PathBuf {
     name.into()
 }
 
+/// The key by which the board signs; none: it has none, or cannot sign now.
+fn board_key(board: &mut Client) -> Result<Option<[u8; 32]>, Failure> {
+    if let Some(proven) = board.proven_board() {
+        return Ok(Some(*proven));
+    }
+    Ok(match board.head(None)? {
+        HeadAnswer::Signed(head) => Some(head.key),
+        HeadAnswer::NoKey | HeadAnswer::Pending => None,
+    })
+}
+
 /// Says where that is which came before the failure.
 fn kept(failure: Failure, part: &Path) -> Failure {
     let part = part.display();
     failure.noted(&format!(
-        "\nwhat came before is verified and stays in {part}"
+        "\nwhat came before stays in {part}, and the next pull goes on from it; --force begins anew"
     ))
 }
 

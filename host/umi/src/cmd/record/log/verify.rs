@@ -15,7 +15,7 @@ use crate::failure::Failure;
 Without --key a file is held against the key in its own heads: that shows what was changed by
 somebody without that key, not whose key it is. Get the board's key at the board, once:
 `umi access board-key -o board.pub`. A head that you keep elsewhere (`umi log head -o`) shows a
-file that was cut short, and a board whose older memory was put back.
+file that was cut short, and a board whose older memory was put back; the file must hold its place.
 
 Examples:
   umi log verify monday.umij
@@ -45,6 +45,7 @@ impl Verify {
         let key = self.key.as_deref().map(key_file::read_public).transpose()?;
         let after = self.after.as_deref().map(head_file::read).transpose()?;
         let verified = verify::verify(&bytes, key, after.as_ref())?;
-        sum_up(self.format.json, &verified, Some(&self.file))
+        let is_known = self.key.is_some() || self.after.is_some();
+        sum_up(self.format.json, &verified, Some(&self.file), is_known)
     }
 }
