@@ -131,6 +131,12 @@ impl std::error::Error for DigitizeRefusal {}
 /// Places of one run at most: what a control's memory of a cloud is good for.
 const MOST_PLACES: f64 = 1e6;
 
+/// A control that reads a program waits so long for it; the macro asks for no more.
+const ANSWER_S: f64 = 9.0;
+
+/// Captures by which the sensor is brought to its place.
+const LEAST_CAPTURES: f64 = 16.0;
+
 impl DigitizeQuestion {
     /// Columns and rows.
     #[must_use]
@@ -205,6 +211,7 @@ impl DigitizeQuestion {
                 ),
             });
         }
+        self.rate_is_enough()?;
         if self.by == HeardBy::Pulses && self.strategy != Strategy::NonAdaptive {
             return Err(DigitizeRefusal::letter(
                 'R',
@@ -233,6 +240,34 @@ impl DigitizeQuestion {
             ));
         }
         self.within_travel(scene)
+    }
+
+    /// What a control hears of in time, or what a way shows.
+    fn rate_is_enough(&self) -> Result<(), DigitizeRefusal> {
+        let [step_mm, _] = self.step_mm;
+        let a_step = self.rate_hz * step_mm * 60.0 / self.feed_mm_per_min;
+        if self.by == HeardBy::Pulses && a_step < 1.0 {
+            return Err(DigitizeRefusal::letter(
+                'W',
+                format_args!(
+                    "{} captures a second are {a_step:.2} a step: give a higher rate, a longer step, or a lower feed",
+                    self.rate_hz
+                ),
+            ));
+        }
+        let longest_s = self.captures.max(LEAST_CAPTURES) / self.rate_hz;
+        if self.by == HeardBy::Served && longest_s > ANSWER_S {
+            return Err(DigitizeRefusal::letter(
+                'W',
+                format_args!(
+                    "{} captures at {} a second take {longest_s:.1} s, and a control waits {ANSWER_S} s for an \
+                     answer: give a higher rate or fewer captures, or --by trip",
+                    self.captures.max(LEAST_CAPTURES),
+                    self.rate_hz
+                ),
+            ));
+        }
+        Ok(())
     }
 
     fn within_travel(&self, scene: &Scene) -> Result<(), DigitizeRefusal> {

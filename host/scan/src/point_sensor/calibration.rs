@@ -11,7 +11,7 @@ use umi_core::point::{
 use umi_core::units::{Mm, Point};
 
 use super::doubts::doubts;
-use super::readings::SensorReadings;
+use super::readings::{SensorReading, SensorReadings};
 use super::scale::{self, ScaleError};
 use super::spheres::CalibrationBalls;
 use crate::ScanError;
@@ -99,7 +99,17 @@ pub fn find(
             })
         })
         .collect::<Result<_, ScanError>>()?;
-    let fit = calibrate(&read, &balls.balls, &question.wanted)?;
+    let fit = calibrate(&read, &balls.balls, &question.wanted).map_err(|refusal| {
+        let wild = wild(readings).filter(|_| refusal.code() == "residual_too_large");
+        let mut error = ScanError::from(refusal);
+        if let Some(reading) = wild {
+            error.message += &format!(
+                "; the reading in line {}, {} mm, is far from all others: leave it out, or measure it again",
+                reading.line, reading.gamma_mm
+            );
+        }
+        error
+    })?;
     if let Some(limit) = question.max_rms_mm
         && fit.stats.rms.0 > limit
     {
@@ -113,6 +123,22 @@ pub fn find(
         .with("rms_mm", fit.stats.rms.0));
     }
     Ok(answer(readings, &read, &balls.balls, question, &fit))
+}
+
+/// The one reading that is far from the others.
+fn wild(readings: &SensorReadings) -> Option<&SensorReading> {
+    let mut all: Vec<f64> = readings.used.iter().map(|r| r.gamma_mm).collect();
+    all.sort_by(f64::total_cmp);
+    // Of the others.
+    let [_, least, .., most, _] = all.as_slice() else {
+        return None;
+    };
+    let is_far = |r: &&SensorReading| {
+        let beyond = (r.gamma_mm - most).max(least - r.gamma_mm);
+        beyond > 2.0 * (most - least).max(1.0)
+    };
+    let mut far = readings.used.iter().filter(is_far);
+    far.next().filter(|_| far.next().is_none())
 }
 
 fn answer(
@@ -202,6 +228,12 @@ fn warnings(
     warnings
 }
 
+/// What is longer lies on no machine.
+pub(super) const MAX_MM: f64 = 1e9;
+
+/// Another unit, and no gain, is outside its reciprocal and this.
+const MOST_GAIN: f64 = 5.0;
+
 /// What rounding the file's numbers may leave.
 const COVARIANCE_ROUNDING: f64 = 1e-6;
 
@@ -272,12 +304,21 @@ pub fn parse(bytes: &[u8]) -> Result<KnownSensor, ScanError> {
         None => 1.0,
         Some(gain) => gain
             .as_f64()
-            .filter(|gain| *gain > 0.0)
-            .ok_or_else(|| bad("gain is not a number above 0"))?,
+            .filter(|gain| (1.0 / MOST_GAIN..=MOST_GAIN).contains(gain))
+            .ok_or_else(|| {
+                bad(format_args!(
+                    "gain is not a number from {} to {MOST_GAIN}",
+                    1.0 / MOST_GAIN
+                ))
+            })?,
     };
+    let offset = triple("offset_mm")?;
+    if offset.iter().any(|mm| mm.abs() > MAX_MM) {
+        return Err(bad("offset_mm is no length on a machine"));
+    }
     Ok(KnownSensor {
         sensor: PointSensor {
-            offset: Point::from_array_mm(triple("offset_mm")?),
+            offset: Point::from_array_mm(offset),
             direction,
             gain,
         },
@@ -310,6 +351,12 @@ fn matrix(file: &Value, key: &str, of_gain: &str) -> Result<Option<SensorCovaria
         let row: [f64; 6] = numbers(Some(row)).ok_or_else(wrong)?;
         wanted[..6].copy_from_slice(&row);
     }
+    let is_free = file.get("u_gain").is_some_and(Value::is_number);
+    if is_free && file.get(of_gain).is_none_or(Value::is_null) {
+        return Err(bad(format_args!(
+            "its gain was found, and {of_gain} is not in it, without which no point's uncertainty is known: calibrate again"
+        )));
+    }
     if let Some(gain) = file.get(of_gain).filter(|value| !value.is_null()) {
         matrix[6] =
             numbers(Some(gain)).ok_or_else(|| bad(format_args!("{of_gain} is not 7 numbers")))?;
@@ -333,13 +380,14 @@ fn is_covariance(matrix: &SensorCovariance) -> bool {
         COVARIANCE_ROUNDING * largest
     };
     (0..7).all(|i| {
-        (0..=i).all(|j| {
-            let most = (matrix[i][i].max(least(i)) * matrix[j][j].max(least(j))).sqrt();
-            let [one, other] = [matrix[i][j], matrix[j][i]];
-            matrix[i][i] >= -least(i)
-                && one.abs() <= most * (1.0 + COVARIANCE_ROUNDING)
-                && (one - other).abs() <= most * COVARIANCE_ROUNDING
-        })
+        matrix[i][i] <= MAX_MM
+            && (0..=i).all(|j| {
+                let most = (matrix[i][i].max(least(i)) * matrix[j][j].max(least(j))).sqrt();
+                let [one, other] = [matrix[i][j], matrix[j][i]];
+                matrix[i][i] >= -least(i)
+                    && one.abs() <= most * (1.0 + COVARIANCE_ROUNDING)
+                    && (one - other).abs() <= most * COVARIANCE_ROUNDING
+            })
     })
 }
 

@@ -4,11 +4,9 @@
 use std::io::BufRead;
 use std::path::Path;
 
+use super::calibration::MAX_MM;
 use crate::format::table::{Row, TableReader};
 use crate::{Ending, ScanError};
-
-/// What is longer lies on no machine.
-const MAX_MM: f64 = 1e9;
 
 /// One line of the file.
 #[derive(Clone, Debug, PartialEq)]

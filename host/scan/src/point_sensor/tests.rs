@@ -208,6 +208,12 @@ fn a_calibration_comes_back_from_its_file() {
         assert!((from_center - d).abs() < 1e-12);
         assert!(u.iter().all(|u| (0.0..0.005).contains(u)), "{u:?}");
     }
+    let mut wild = read.clone();
+    wild.used[4].gamma_mm = 1e6;
+    let error = calibration::find(&wild, &ball, &question()).unwrap_err();
+    assert_eq!(error.code, "residual_too_large");
+    let line = format!("line {}", wild.used[4].line);
+    assert!(error.message.contains(&line), "{}", error.message);
     let limit = CalibrationQuestion {
         max_rms_mm: Some(1e-5),
         ..question()

@@ -76,6 +76,12 @@ impl BeamProof {
         }
     }
 
+    /// Standard deviation of a reading at rest, mm; none: too few were made there.
+    pub(super) fn sigma_mm(&self) -> Option<f64> {
+        let (sum, freedom) = self.scatter;
+        (freedom >= FROZEN).then(|| libm::sqrt(sum / freedom))
+    }
+
     /// The next reading is of another place: it proves nothing with the last one.
     pub(super) const fn leave(&mut self) {
         self.seen = None;

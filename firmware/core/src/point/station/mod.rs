@@ -180,7 +180,7 @@ impl CaptureStation {
             pairing: Pairing::default(),
             collected: Collected::default(),
             watch: Watch::default(),
-            sweep: Sweep::new(0.0, Mm(1.0)),
+            sweep: Sweep::new(0.0, Mm(1.0), None),
             answer: None,
             answered: (0, PlaceState::Refused),
             is_arming: false,

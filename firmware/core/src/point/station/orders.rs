@@ -119,7 +119,7 @@ impl CaptureStation {
         }
         let Point { mm } = self.axes(counts);
         // A capture in the middle of a cell where there is one only.
-        self.sweep = Sweep::new(mm.x, with.interval);
+        self.sweep = Sweep::new(mm.x, with.interval, self.proof.sigma_mm());
         self.doing = Doing::Pulsing {
             origin_counts: at.saturating_add(interval / 2),
             interval_counts: interval,

@@ -11,14 +11,16 @@
 //! cell stands alone. Where that does not either, there is an edge within a step, and no point is made of it. Neighbouring
 //! captures show the noise alone, whatever the surface's slope: the mean square of their second differences is 6 σ² (after
 //! von Neumann 1941, who took the first). A jump is itself among them, and at the end of few captures it hides behind its own
-//! square; the median of their magnitudes is not moved by one jump ([`Noise`]), and both are asked.
+//! square; the median of their magnitudes is not moved by one jump ([`Noise`]). Over ribs side by side most differences are
+//! jumps; so the noise at rest, where the beam was proven, bounds both: on the way it is larger where the surface is steep or
+//! at the ends of the depth of field, ten times at most.
 //!
 //! # Limitations
 //!
 //! A parabola takes nine captures, three cells with four each. Fewer a step are one, at the place itself: nothing shows
 //! whether it stands beside an edge, and it is on one side of it. With fewer than nine in its own cell, a place beside an edge
-//! has no point. A jump that is not seen moves a point by a few
-//! standard deviations of its own noise at most. What is smaller than a step and smooth is averaged.
+//! has no point. A jump that is not seen moves a point by a few times
+//! the noise of a capture, and that by a micrometre. What is smaller than a step and smooth is averaged, or an edge.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -35,6 +37,12 @@ const OUTLIER: f64 = 0.5;
 
 /// Captures a step with which three cells have a parabola wherever their ends fall.
 pub(in crate::point::station) const LEAST: u32 = 4;
+
+/// A parabola may leave so much of a smooth surface, mm: less than any sensor's linearity.
+const REMAINDER_MM: f64 = 1e-3;
+
+/// The noise of a capture on the way over that at rest, at most.
+const OVER_REST: f64 = 10.0;
 
 /// How much worse than neighbouring captures agree a parabola may fit, with so many captures: about five standard
 /// deviations of the ratio of the two.
@@ -107,7 +115,7 @@ impl Cell {
     }
 
     /// The parabola's value in the middle and the scatter about it, if the captures follow it.
-    fn smooth(&self, noise_of_all: &Noise) -> Option<(f64, f64)> {
+    fn smooth(&self, most_mm: f64) -> Option<(f64, f64)> {
         let [s0, s1, s2, s3, s4] = self.x;
         if s0 < FEW || self.neighbours < 1.0 {
             return None;
@@ -118,9 +126,8 @@ impl Cell {
         let left = (self.gamma_squared - found.dot(&right)).max(0.0);
         let scatter = libm::sqrt(left / (s0 - 3.0));
         let noise = libm::sqrt(self.differences / (6.0 * self.neighbours));
-        // Readings have six decimals.
-        let most = (noise * allowed(s0)).min(noise_of_all.most());
-        (scatter <= most + 1e-6).then_some((found.x, scatter))
+        let most_mm = (noise * allowed(s0)).min(most_mm) + REMAINDER_MM;
+        (scatter <= most_mm).then_some((found.x, scatter))
     }
 }
 
@@ -138,11 +145,13 @@ pub(in crate::point::station) struct Sweep {
     /// The last two readings of the line, mm from its first one.
     previous: [Option<f64>; 2],
     noise: Noise,
+    /// Standard deviation of a reading at rest, mm, if captures were made there.
+    rest_mm: Option<f64>,
 }
 
 impl Sweep {
     /// A line that begins a step and a half before its first place.
-    pub fn new(start_x: f64, step: Mm) -> Self {
+    pub fn new(start_x: f64, step: Mm, rest_mm: Option<f64>) -> Self {
         Self {
             start_x,
             step: step.0,
@@ -151,6 +160,7 @@ impl Sweep {
             first: None,
             previous: [None; 2],
             noise: Noise::default(),
+            rest_mm,
         }
     }
 
@@ -229,7 +239,7 @@ impl Sweep {
         // Without a signal they came all the same.
         let is_whole = 2 * u64::from(last.came) >= u64::from(before.came) && !last.is_empty();
         let done = if is_whole { self.place() } else { None };
-        *self = Self::new(self.start_x, Mm(self.step));
+        *self = Self::new(self.start_x, Mm(self.step), self.rest_mm);
         done
     }
 
@@ -261,10 +271,12 @@ impl Sweep {
             found.state = PlaceState::NoSignal(loss);
             return Some(found);
         }
+        let at_rest = self.rest_mm.map_or(f64::INFINITY, |mm| OVER_REST * mm);
+        let most_mm = self.noise.most().min(at_rest);
         let wide = || {
             let is_whole = !before.is_holed() && !behind.is_holed();
             let three = own.with(&before.shifted(-1.0)).with(&behind.shifted(1.0));
-            is_whole.then(|| three.smooth(&self.noise)).flatten()
+            is_whole.then(|| three.smooth(most_mm)).flatten()
         };
         let along = |(gamma, scatter): (f64, f64)| {
             // The axes stand on the place itself.
@@ -276,7 +288,7 @@ impl Sweep {
             let [gamma, ..] = own.gamma;
             (own.came == 1).then_some((gamma, 0.0, found.axes.mm.x))
         };
-        let fitted = wide().or_else(|| own.smooth(&self.noise)).map(along);
+        let fitted = wide().or_else(|| own.smooth(most_mm)).map(along);
         match fitted.or_else(only) {
             Some((gamma, scatter, x)) => {
                 found.gamma = Mm(zero + gamma);

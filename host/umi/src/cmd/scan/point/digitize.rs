@@ -1,5 +1,6 @@
 //! `umi scan digitize`
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
@@ -231,7 +232,7 @@ impl Digitize {
             exchanges: done.exchanges,
             exchange_s: done.exchange_s,
             losses: done.losses,
-            warnings: known.warnings,
+            warnings: known.warnings.into_iter().chain(nothing(&done)).collect(),
         };
         match done.alarm {
             None => Ok(told),
@@ -340,6 +341,25 @@ fn refused(refusal: DigitizeRefusal) -> ScanError {
         Some(letter) => error.with("letter", letter.to_string()),
         None => error,
     }
+}
+
+/// A run in which not one place has a point, and why they have none.
+fn nothing(done: &Digitized) -> Option<String> {
+    if done.points() > 0 {
+        return None;
+    }
+    let mut reasons = BTreeMap::new();
+    for place in &done.places {
+        *reasons.entry(place.found.state.code()).or_insert(0_usize) += 1;
+    }
+    let reasons: Vec<String> = reasons
+        .iter()
+        .map(|(reason, count)| format!("{reason} {count}"))
+        .collect();
+    Some(format!(
+        "no_points: not one place has a point ({}): look at --at, the depth of field and the rate",
+        reasons.join(", ")
+    ))
 }
 
 /// The cloud in the order of measuring.
