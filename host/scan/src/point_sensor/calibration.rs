@@ -360,8 +360,9 @@ fn matrix(file: &Value, key: &str, of_gain: &str) -> Result<Option<SensorCovaria
     if let Some(gain) = file.get(of_gain).filter(|value| !value.is_null()) {
         matrix[6] =
             numbers(Some(gain)).ok_or_else(|| bad(format_args!("{of_gain} is not 7 numbers")))?;
-        for index in 0..6 {
-            matrix[index][6] = matrix[6][index];
+        let [.., last] = matrix;
+        for (row, of_gain) in matrix.iter_mut().zip(last) {
+            row[6] = of_gain;
         }
     }
     if !is_covariance(&matrix) {

@@ -52,9 +52,12 @@ fn names(value: &Value) -> Vec<&str> {
         .collect()
 }
 
+/// Kind, time and payload of each entry.
+type Entries = Vec<(u8, u64, Vec<u8>)>;
+
 /// The entries of a file as somebody without the key can write them: changed, with check values
 /// and chain made anew.
-fn forged(file: &[u8], change: impl FnOnce(&mut Vec<(u8, u64, Vec<u8>)>)) -> Vec<u8> {
+fn forged(file: &[u8], change: impl FnOnce(&mut Entries)) -> Vec<u8> {
     let (header, entries) = decode_file(file).unwrap();
     let mut all: Vec<_> = entries
         .map(|entry| entry.unwrap())
@@ -178,7 +181,7 @@ fn forged_journals_are_refused() {
     umi(&["log", "pull", &file, "--port", &port]).exits(0);
     umi(&["log", "head", "-o", &head, "--port", &port]).exits(0);
     let honest = std::fs::read(&file).unwrap();
-    type Forgery = fn(&mut Vec<(u8, u64, Vec<u8>)>);
+    type Forgery = fn(&mut Entries);
     let forgeries: [Forgery; 4] = [
         |all| drop(all.remove(1)),
         |all| all[1].1 += 1,
@@ -309,7 +312,7 @@ fn a_forged_verdict_corrects_nothing() {
         "head_other_board"
     );
     let honest = std::fs::read(&file).unwrap();
-    let moved = |all: &mut Vec<(u8, u64, Vec<u8>)>| {
+    let moved = |all: &mut Entries| {
         let last = all.iter_mut().rfind(|entry| entry.0 == VERDICT).unwrap();
         let Ok(Record::Verdict(mut verdict)) = postcard::from_bytes(&last.2) else {
             panic!("no verdict");
@@ -321,7 +324,7 @@ fn a_forged_verdict_corrects_nothing() {
     };
     let changed = folder.file("changed.umij", forged(&honest, moved));
     assert_eq!(error(by(&changed, &[]))["code"], "head_signature");
-    let bare = |change: &dyn Fn(&mut Vec<(u8, u64, Vec<u8>)>)| {
+    let bare = |change: &dyn Fn(&mut Entries)| {
         let file = forged(&honest, |all| {
             all.retain(|entry| entry.0 != HEAD);
             change(all);
