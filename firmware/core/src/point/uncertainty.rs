@@ -68,8 +68,8 @@ fn offset_direction_gain<const K: usize>(view: &View<'_, K>, beam: &Beam<K>) -> 
         rows[axis + 3][3] = e1[axis];
         rows[axis + 3][4] = e2[axis];
     }
-    if let Some(at) = beam.gain_at {
-        rows[6][at] = 1.0;
+    if let Some(at) = beam.gain_at.and_then(|at| rows[6].get_mut(at)) {
+        *at = 1.0;
     }
     rows
 }

@@ -47,7 +47,8 @@ impl Noise {
             for count in &mut self.counts {
                 *count /= 2;
             }
-            self.total = self.counts.iter().sum();
+            let counts = self.counts.iter();
+            self.total = counts.fold(0, |total, count| count.saturating_add(total));
         }
     }
 
