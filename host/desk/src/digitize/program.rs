@@ -224,7 +224,7 @@ fn fixed_path(spec: &PointSensorSpec, sensor: &PointSensor, asked: &DigitizeQues
     let a: [f64; 3] = sensor.direction.into();
     for step in [1.0, 0.0, -1.0, 0.0] {
         main.push_str(&format!("M8\nG4 P{rest}\nM9\n"));
-        let away = step * spec.range_mm / 4.0;
+        let away = step * spec.range_mm / 5.0;
         let mut words = String::from("G53 G1");
         for ((axis, from), a) in ["X", "Y", "Z"].iter().zip(at).zip(a) {
             words.push_str(&format!(" {axis}{}", number(from - a * away)));

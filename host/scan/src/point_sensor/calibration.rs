@@ -11,7 +11,7 @@ use umi_core::point::{
 use umi_core::units::{Mm, Point};
 
 use super::doubts::doubts;
-use super::readings::{SensorReading, SensorReadings};
+use super::readings::{MAX_MM, SensorReading, SensorReadings};
 use super::scale::{self, ScaleError};
 use super::spheres::CalibrationBalls;
 use crate::ScanError;
@@ -227,9 +227,6 @@ fn warnings(
     }
     warnings
 }
-
-/// What is longer lies on no machine.
-pub(super) const MAX_MM: f64 = 1e9;
 
 /// Another unit, and no gain, is outside its reciprocal and this.
 const MOST_GAIN: f64 = 5.0;

@@ -4,9 +4,11 @@
 use std::io::BufRead;
 use std::path::Path;
 
-use super::calibration::MAX_MM;
 use crate::format::table::{Row, TableReader};
 use crate::{Ending, ScanError};
+
+/// What is longer lies on no machine.
+pub(super) const MAX_MM: f64 = 1e9;
 
 /// One line of the file.
 #[derive(Clone, Debug, PartialEq)]
