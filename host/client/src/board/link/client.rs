@@ -55,10 +55,6 @@ pub struct Client {
     last_event: Option<u16>,
     /// The session in which requests are sealed.
     pub(super) session: Option<HostSession>,
-    /// Answers to our Hellos that have not come.
-    owed: u32,
-    /// The board has answered a Hello that was not ours.
-    is_other_greeted: bool,
 }
 
 /// One message from the board.
@@ -103,8 +99,6 @@ impl Client {
             events: VecDeque::new(),
             last_event: None,
             session: None,
-            owed: 0,
-            is_other_greeted: false,
         };
         client.greet()?;
         Ok(client)
@@ -128,8 +122,7 @@ impl Client {
     /// [`Event::Dropped`]. (A board that starts again counts from 0, which shows as a loss.)
     ///
     /// # Errors
-    /// [`LinkError::Closed`], [`LinkError::BoardChanged`]; [`LinkError::OtherHost`]: whom the board
-    /// greets, it reports nothing until asked.
+    /// [`LinkError::Closed`], [`LinkError::BoardChanged`].
     pub fn next_event(&mut self, timeout: Duration) -> Result<Option<Event>, LinkError> {
         let deadline = Instant::now() + timeout;
         loop {
@@ -137,9 +130,6 @@ impl Client {
             while self.decode("events")?.is_some() {}
             if let Some(event) = self.events.pop_front() {
                 return Ok(Some(event));
-            }
-            if self.is_other_greeted {
-                return Err(LinkError::OtherHost);
             }
             // Without patience, too, what has already come is looked at.
             if !self.receive(deadline)? {
@@ -155,7 +145,6 @@ impl Client {
         let mut echo = false;
         for _ in 0..tries {
             self.send(&hello)?;
-            self.owed = self.owed.saturating_add(1);
             let deadline = Instant::now() + answer;
             while let Some((sequence, incoming)) = self.wait(deadline, "hello")? {
                 match incoming {
@@ -322,11 +311,7 @@ impl Client {
             let sequence = frame.sequence;
             let mut is_sealed = false;
             let opened = match frame.kind {
-                Kind::Hello => {
-                    self.is_other_greeted |= self.owed == 0;
-                    self.owed = self.owed.saturating_sub(1);
-                    frame.open().map(Incoming::Hello)
-                }
+                Kind::Hello => frame.open().map(Incoming::Hello),
                 Kind::Response => frame.open().map(|m| Incoming::Response(Box::new(m))),
                 Kind::SealedResponse => {
                     let Some((inner, authenticated, code)) = frame.unsealed() else {

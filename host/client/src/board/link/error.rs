@@ -97,8 +97,6 @@ pub enum LinkError {
     NoSessions,
     /// What answers does not prove the board's key.
     BoardNotProven,
-    /// Somebody else has greeted the board over this connection.
-    OtherHost,
 }
 
 impl LinkError {
@@ -122,7 +120,6 @@ impl LinkError {
             Self::StorageFailed => "storage_failed",
             Self::Refused(refusal) => refusal.code(),
             Self::NoSessions => "not_on_this_board",
-            Self::OtherHost => "other_host",
             Self::BoardNotProven => "board_not_proven",
         }
     }
@@ -215,11 +212,6 @@ impl fmt::Display for LinkError {
                 "the board answered `{request}` with something else: please report this fault"
             ),
             Self::Refused(refusal) => refusal.fmt(f),
-            Self::OtherHost => f.write_str(
-                "another program has greeted the board over this port, and since then it reports \
-                 nothing here: what came behind the last line is not known; end that program and \
-                 begin again",
-            ),
             Self::NoSessions => f.write_str("this board has no key of its own, and so no owner and no sessions"),
             Self::BoardNotProven => f.write_str(
                 "what answers there does not prove the key that it calls its own: somebody stands between this umi and the board",

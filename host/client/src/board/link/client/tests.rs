@@ -223,30 +223,6 @@ fn client(mut script: Vec<Step>) -> (Client, Log) {
     (client, log)
 }
 
-/// Whom the board greets, it reports to no more: what was reported before is given, and then it is told. An answer to a
-/// Hello of ours that came late is none of that.
-#[test]
-fn a_hello_to_somebody_else_is_told() {
-    let other = bytes(7, &Hello::new("virtual 0001 0.1.0"));
-    let (mut client, _) = client(vec![Step::First([event(4), other, event(5)].concat())]);
-    client.journal_info().unwrap();
-    assert_eq!(
-        seqs(&[client.next_event(Duration::ZERO).unwrap().unwrap()]),
-        [4]
-    );
-    assert_eq!(
-        seqs(&[client.next_event(Duration::ZERO).unwrap().unwrap()]),
-        [5]
-    );
-    let told = client.next_event(Duration::ZERO).unwrap_err();
-    assert_eq!(told.code(), "other_host");
-
-    let late = Step::Late(PATIENCE.answer + Duration::from_millis(1));
-    let (board, _) = Board::new(vec![late, Step::Answer]);
-    let mut client = Client::with_patience(board, PATIENCE).unwrap();
-    assert!(client.next_event(Duration::ZERO).unwrap().is_none());
-}
-
 /// The greeting fails as the script says.
 fn refused(script: Vec<Step>) -> LinkError {
     match Client::with_patience(Board::new(script).0, PATIENCE) {
