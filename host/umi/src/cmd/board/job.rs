@@ -51,7 +51,8 @@ Examples:
 
 It teaches when asked (`umi teach`), compares runs and work offsets, and says at each line what
 to enter. With the sheet of a measuring machine it holds the distances between the balls against
-it, also when it is taught: a list of another plate, or in inches, shows. For blocks of points, as the thesis prints them, begin with examples/three-spheres.toml.")]
+it, also when it is taught: a list of another plate, or in inches, shows. For blocks of points, as
+the thesis prints them, begin with examples/three-spheres.toml.")]
 struct New {
     /// The balls' centres as a measuring machine has them, mm: four, in any coordinates
     #[arg(long, value_name = "BALLS.csv")]

@@ -17,10 +17,10 @@
 //!
 //! # Limitations
 //!
-//! A parabola takes nine captures, three cells with four each. Fewer a step are one, at the place itself: nothing shows
-//! whether it stands beside an edge, and it is on one side of it. With fewer than nine in its own cell, a place beside an edge
-//! has no point. A jump that is not seen moves a point by a few times
-//! the noise of a capture, and that by a micrometre. What is smaller than a step and smooth is averaged, or an edge.
+//! A parabola takes nine captures: four a step are enough. Where fewer a step are asked for, one is made, at the place itself;
+//! nothing shows whether an edge is beside it. With fewer than nine captures in its own cell, a place beside an edge has no
+//! point. A jump that is too small to be seen moves a point by 12 standard deviations of a capture at most, over ribs side by
+//! side by 25 (measured in the tests), and by a micrometre besides. What is smaller than a step is averaged, or an edge.
 
 use nalgebra::{Matrix3, Vector3};
 
