@@ -32,41 +32,76 @@ fn points(text: &str, path: &Path) -> Result<Vec<Point>, Problem> {
     Ok(rows.into_iter().map(Point::from_array_mm).collect())
 }
 
+/// Points that belong together.
+#[derive(Debug)]
+pub struct Pairs {
+    /// Of the part.
+    pub nominal: Vec<Point>,
+    /// Where they were measured.
+    pub measured: Vec<Point>,
+    /// Names say so, and not their order alone.
+    pub are_named: bool,
+}
+
+/// Reads points with their names, where the first line has a column `name`.
+///
+/// # Errors
+/// As [`read`]; `name_twice`: one stands there twice.
+pub fn read_named(path: &Path) -> Result<(Vec<Point>, Option<Vec<String>>), Problem> {
+    let text = text(path)?;
+    let points = points(&text, path)?;
+    Ok((points, names_once(&text, path)?))
+}
+
 /// Reads two lists whose points belong together by their order.
 ///
 /// # Errors
-/// As [`read`]; `names_differ`: both have a column `name`, and not the same names in it;
-/// `name_twice`: one stands twice in one of them.
-pub fn read_both(first: &Path, second: &Path) -> Result<(Vec<Point>, Vec<Point>), Problem> {
-    let texts = [text(first)?, text(second)?];
-    let lists = (points(&texts[0], first)?, points(&texts[1], second)?);
-    for (text, path) in texts.iter().zip([first, second]) {
-        let mut seen = BTreeSet::new();
-        let mut names = names(text).unwrap_or_default().into_iter();
-        if let Some(twice) = names.find(|name| !name.is_empty() && !seen.insert(*name)) {
-            return Err(Problem::trouble(
-                "name_twice",
-                format_args!(
-                    "{}: two points have the name `{twice}`: give each its own, or take the column out",
-                    name(path)
-                ),
-            ));
+/// As [`read_named`]; `names_differ`: both have a column `name`, and not the same names in it.
+pub fn read_both(first: &Path, second: &Path) -> Result<Pairs, Problem> {
+    let (nominal, from) = read_named(first)?;
+    let (measured, to) = read_named(second)?;
+    let are_named = match (from, to) {
+        (Some(from), Some(to)) => {
+            let mut pairs = (1..).zip(from.iter().zip(&to));
+            if let Some((number, (a, b))) = pairs.find(|(_, (a, b))| a != b) {
+                return Err(Problem::trouble(
+                    "names_differ",
+                    format_args!(
+                        "point {number} is `{a}` in {} and `{b}` in {}: write both lists in one order",
+                        name(first),
+                        name(second)
+                    ),
+                )
+                .with("point", number));
+            }
+            from.iter().all(|name| !name.is_empty())
         }
-    }
-    if let (Some(from), Some(to)) = (names(&texts[0]), names(&texts[1]))
-        && let Some((number, (a, b))) = (1..).zip(from.iter().zip(&to)).find(|(_, (a, b))| a != b)
-    {
+        _ => false,
+    };
+    Ok(Pairs {
+        nominal,
+        measured,
+        are_named,
+    })
+}
+
+/// The names of a table's points, each once.
+fn names_once(text: &str, path: &Path) -> Result<Option<Vec<String>>, Problem> {
+    let Some(names) = names(text) else {
+        return Ok(None);
+    };
+    let mut seen = BTreeSet::new();
+    let mut all = names.iter();
+    if let Some(twice) = all.find(|name| !name.is_empty() && !seen.insert(**name)) {
         return Err(Problem::trouble(
-            "names_differ",
+            "name_twice",
             format_args!(
-                "point {number} is `{a}` in {} and `{b}` in {}: write both lists in one order",
-                name(first),
-                name(second)
+                "{}: two points have the name `{twice}`: give each its own, or take the column out",
+                name(path)
             ),
-        )
-        .with("point", number));
+        ));
     }
-    Ok(lists)
+    Ok(Some(names.into_iter().map(str::to_owned).collect()))
 }
 
 /// What the column `name` of a table says of its points, where it has one.
@@ -91,15 +126,21 @@ fn names(text: &str) -> Option<Vec<&str>> {
 /// or from standard input for `-`.
 ///
 /// # Errors
-/// As [`read`].
-pub fn read_pairs(path: &Path) -> Result<(Vec<Point>, Vec<Point>), Problem> {
+/// As [`read_named`].
+pub fn read_pairs(path: &Path) -> Result<Pairs, Problem> {
     let text = text(path)?;
     let rows = parse(&text, &[&["px", "py", "pz", "qx", "qy", "qz"]])
         .map_err(|problem| in_file(path, &problem))?;
-    Ok(rows
+    let names = names_once(&text, path)?;
+    let (nominal, measured) = rows
         .into_iter()
         .map(|[px, py, pz, qx, qy, qz]| (Point::from_mm(px, py, pz), Point::from_mm(qx, qy, qz)))
-        .unzip())
+        .unzip();
+    Ok(Pairs {
+        nominal,
+        measured,
+        are_named: names.is_some_and(|names| names.iter().all(|name| !name.is_empty())),
+    })
 }
 
 /// The text of a file, or of standard input for `-`.

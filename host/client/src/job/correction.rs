@@ -239,10 +239,19 @@ impl Basis {
     ///
     /// # Errors
     /// As [`ProgramSource::known_to`].
-    pub fn known_to(&self, limit_mm: f64) -> Result<(), Problem> {
+    pub fn known_to(&self, limit_mm: f64, part_mm: Option<[[f64; 3]; 2]>) -> Result<(), Problem> {
         match self {
-            Self::Given(source) => source.known_to(limit_mm),
+            Self::Given(source) => source.known_to(limit_mm, part_mm),
             Self::Judged(_) => Ok(()),
+        }
+    }
+
+    /// Whether it says how well it is known anywhere, so that a program's reach matters.
+    #[must_use]
+    pub fn is_known_everywhere(&self) -> bool {
+        match self {
+            Self::Given(source) => source.is_known_everywhere(),
+            Self::Judged(_) => false,
         }
     }
 
@@ -348,7 +357,7 @@ pub fn make(basis: &Basis, spec: &CorrectionSpec) -> Result<Made, Problem> {
     let (transform, judged) = match basis {
         Basis::Given(source) => {
             source.for_a_control()?;
-            source.known_to(spec.leftover_mm)?;
+            source.known_to(spec.leftover_mm, Some([spec.part_min_mm, spec.part_max_mm]))?;
             (source.transform, None)
         }
         Basis::Judged(judged) => {

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use nalgebra::{Matrix3x6, Matrix6};
 use serde::Deserialize;
 use serde_json::Value;
 use umi_core::correction::RunCheck;
@@ -30,8 +31,30 @@ pub struct ProgramSource {
     not_compared: Option<(u64, String)>,
     /// The file that leads into machine coordinates, until somebody says the work offset.
     in_machine: Option<String>,
-    /// How well a file's transform is known, and the file: one standard deviation at the worst place.
-    expected: Option<(f64, String)>,
+    /// How well a file's transform is known, where it says so.
+    known: Option<Known>,
+}
+
+/// How well a file's transform is known.
+#[derive(Clone, Debug)]
+struct Known {
+    /// One standard deviation at the worst of its own points.
+    at_points_mm: Option<f64>,
+    /// Of rotation vector (rad) and translation at the origin (mm).
+    cov: Option<Matrix6<f64>>,
+    file: String,
+}
+
+impl Known {
+    /// The expected length of the error at the image of a place, one standard deviation: each axis's
+    /// share of [-[R p]x, 1] C [-[R p]x, 1]T (as [`umi_core::registration`] has it).
+    fn at_mm(&self, transform: &RigidTransform, place_mm: [f64; 3]) -> Option<f64> {
+        let arm = transform.rotation * Point::from_array_mm(place_mm).mm;
+        let (mut by, cov) = (Matrix3x6::zeros(), self.cov?);
+        by.fixed_columns_mut::<3>(0).copy_from(&-arm.cross_matrix());
+        by.fixed_columns_mut::<3>(3).fill_with_identity();
+        Some((by * cov * by.transpose()).trace().max(0.0).sqrt())
+    }
 }
 
 impl ProgramSource {
@@ -50,27 +73,64 @@ impl ProgramSource {
             run,
             not_compared: None,
             in_machine: None,
-            expected: None,
+            known: None,
         }
     }
 
-    /// Whether it is known to a limit at the part.
+    /// Whether it is known to a limit at its own points and, where its file says so much, at the
+    /// corners of a part, nominal.
     ///
     /// # Errors
     /// `expected_error`: one standard deviation of it is more.
-    pub fn known_to(&self, limit_mm: f64) -> Result<(), Problem> {
-        match &self.expected {
-            Some((expected_mm, file)) if *expected_mm > limit_mm => Err(Problem::refused(
+    pub fn known_to(&self, limit_mm: f64, part_mm: Option<[[f64; 3]; 2]>) -> Result<(), Problem> {
+        let Some(known) = &self.known else {
+            return Ok(());
+        };
+        let refused = |expected_mm: f64, why: std::fmt::Arguments<'_>| {
+            Problem::refused(
                 "expected_error",
-                format_args!(
-                    "{file}: its points disagree, so that it is off by {expected_mm:.4} mm (one standard \
-                     deviation, at the worst of them), limit {limit_mm:.4} mm: see which residual is the \
-                     longest and measure that point again, or give a wider --limit"
-                ),
+                format_args!("{}: {why}, limit {limit_mm:.4} mm", known.file),
             )
-            .with("expected_error_mm", *expected_mm)),
-            _ => Ok(()),
+            .with("expected_error_mm", expected_mm)
+        };
+        if let Some(expected_mm) = known.at_points_mm.filter(|mm| *mm > limit_mm) {
+            return Err(refused(
+                expected_mm,
+                format_args!(
+                    "its points disagree: see which residual is the longest and measure that point again, or \
+                     give a wider --limit. One standard deviation at the worst of them is {expected_mm:.4} mm"
+                ),
+            ));
         }
+        let Some([low, high]) = part_mm else {
+            return Ok(());
+        };
+        for corner in 0..8 {
+            let at = |axis: usize| match corner >> axis & 1 {
+                0 => low[axis],
+                _ => high[axis],
+            };
+            let corner_mm = [at(0), at(1), at(2)];
+            let expected_mm = known.at_mm(&self.transform, corner_mm);
+            if let Some(expected_mm) = expected_mm.filter(|mm| *mm > limit_mm) {
+                let [x, y, z] = corner_mm;
+                return Err(refused(
+                    expected_mm,
+                    format_args!(
+                        "it is not known well enough as far out as the part reaches: measure points that are \
+                         farther apart, around the part, or give a wider --limit. One standard deviation at the \
+                         corner {x:.3},{y:.3},{z:.3} is {expected_mm:.4} mm"
+                    ),
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether its file says how well it is known anywhere.
+    #[must_use]
+    pub fn is_known_everywhere(&self) -> bool {
+        self.known.as_ref().is_some_and(|known| known.cov.is_some())
     }
 
     /// The same in a work offset's coordinates: what leads into the machine's is reckoned from its
@@ -129,6 +189,8 @@ struct Written {
     /// What `umi register` says of it.
     suspect: Option<String>,
     expected_error_mm: Option<f64>,
+    /// Of rotation vector and translation at the origin.
+    cov: Option<[[f64; 6]; 6]>,
     /// From which coordinates into which it leads, as `umi register`, `umi scan localise` and `umi scan stock` say it.
     from: Option<String>,
     to: Option<String>,
@@ -234,7 +296,11 @@ pub fn transform(path: &Path) -> Result<ProgramSource, Problem> {
         run: None,
         not_compared: None,
         in_machine,
-        expected: written.expected_error_mm.map(|mm| (mm, name(path))),
+        known: Some(Known {
+            at_points_mm: written.expected_error_mm,
+            cov: written.cov.map(|rows| Matrix6::from(rows).transpose()),
+            file: name(path),
+        }),
     })
 }
 
@@ -328,7 +394,7 @@ pub fn verdict(path: &Path) -> Result<ProgramSource, Problem> {
         run: None,
         not_compared: run.transpose()?.map(|run| (run, name(path))),
         in_machine: None,
-        expected: None,
+        known: None,
     })
 }
 

@@ -13,6 +13,7 @@ use umi_client::files::{job_file, points};
 use umi_client::job::guards::GuardTable;
 use umi_client::problem::Problem;
 use umi_core::registration::register;
+use umi_core::units::Point;
 
 use crate::cmd::{Board, Format};
 
@@ -47,7 +48,7 @@ enum Action {
 Examples:
   umi job new > job.toml
   umi job new -o job.toml
-  umi job new --sheet balls.csv -o job.toml     x,y,z of the four balls, SPHERE1 first
+  umi job new --sheet balls.csv -o job.toml     x,y,z of the four balls, SPHERE1 first, or name,x,y,z
 
 It teaches when asked (`umi teach`), compares runs and work offsets, and says at each line what
 to enter. With the sheet of a measuring machine it holds the distances between the balls against
@@ -162,11 +163,13 @@ impl New {
 fn with_sheet(example: &str, sheet: &Path) -> Result<String, Failure> {
     const PLACE: &str = "position_mm = [";
     const DISTANCES: &str = "# nominal_distance_mm";
+    /// Centres that are nearer are one ball's.
+    const LEAST_APART_MM: f64 = 1.0;
     let refused = |code, said: &str| {
         let name = points::name(sheet);
         Problem::refused(code, format_args!("{name}: {said}"))
     };
-    let all = points::read(sheet)?;
+    let (mut all, names) = points::read_named(sheet)?;
     if all.len() != example.matches(PLACE).count() {
         let said = format!(
             "{} balls, the job to begin with has four: write these into a copy of it, \
@@ -174,6 +177,32 @@ fn with_sheet(example: &str, sheet: &Path) -> Result<String, Failure> {
             all.len()
         );
         return Err(refused("ball_count", &said).into());
+    }
+    if let Some(names) = names {
+        let due = (1..=all.len()).map(|number| format!("SPHERE{number}"));
+        let sorted: Option<Vec<Point>> = due
+            .map(|due| {
+                Some(
+                    all[names
+                        .iter()
+                        .position(|name| name.eq_ignore_ascii_case(&due))?],
+                )
+            })
+            .collect();
+        let said = format!(
+            "its balls have the names {}: the control prints SPHERE1 to SPHERE{}; name them so, as they are \
+             probed, or take the column out and write them in this order",
+            names.join(", "),
+            all.len()
+        );
+        all = sorted.ok_or_else(|| refused("ball_names", &said))?;
+    }
+    for (number, ball) in (1..).zip(&all) {
+        let near = |other: &Point| (other.mm - ball.mm).norm() < LEAST_APART_MM;
+        if let Some(other) = all.iter().take(number - 1).position(near) {
+            let said = format!("balls {} and {number} are at one place", other + 1);
+            return Err(refused("balls_together", &said).into());
+        }
     }
     let mut balls = all.iter().map(|ball| ball.to_array_mm());
     let lines = example.lines().map(|line| {

@@ -9,7 +9,7 @@ use crate::show::terminal::{
 };
 use clap::Args;
 use serde_json::{Value, json};
-use umi_client::files::points;
+use umi_client::files::points::{self, Pairs};
 use umi_client::quantities::{Registered, length};
 use umi_core::registration::{Distance, Registration, distances, register};
 use umi_core::units::Point;
@@ -51,7 +51,9 @@ least sum of squares over three or more pairs. Residuals are R p + t - q.
 Points belong together by their order; where both lists have a column `name`, the names must be the
 same. Lists that no motion carries into each other, as inches into mm, a mirror image, another order
 or points that are far off, are told (`suspect`), and so is a part that is turned upside down, as a
-lost sign turns a flat list: nothing is corrected by these.
+lost sign turns a flat list. Points that stand alike, as a square's, fit in several orders: where
+another turns the part less, that is told, unless both lists have the same names. Nothing is
+corrected by these.
 --json says into whose coordinates the motion leads (`to`). For one into the machine's,
 `umi correction` and `umi nc rewrite` need the work offset's origin.
 
@@ -74,7 +76,11 @@ fn point(text: &str) -> Result<[f64; 3], String> {
 
 impl Register {
     pub fn run(self) -> Result<(), Failure> {
-        let (nominal, measured) = self.read()?;
+        let Pairs {
+            nominal,
+            measured,
+            are_named,
+        } = self.read()?;
         let registration = register(&nominal, &measured)?;
         let result = Registered::new(&registration, &nominal, &measured);
         let distances: Vec<Distance> = if nominal.len() <= MOST_FOR_DISTANCES {
@@ -87,9 +93,10 @@ impl Register {
             .iter()
             .map(|p| Place::new(&registration, *p))
             .collect();
-        let suspect = suspect::why(&nominal, &measured, &registration);
+        let suspect = suspect::why(&nominal, &measured, &registration, are_named);
         if self.format.json {
             let mut machine = machine(&result, nominal.len(), &distances, &places);
+            machine["cov"] = json!(registration.cov());
             machine["suspect"] = json!(suspect);
             machine["from"] = json!("part");
             machine["to"] = json!(match self.measured_in {
@@ -106,7 +113,7 @@ impl Register {
         Ok(())
     }
 
-    fn read(&self) -> Result<(Vec<Point>, Vec<Point>), Failure> {
+    fn read(&self) -> Result<Pairs, Failure> {
         let stdin = Path::new("-");
         match &self.measured {
             None => Ok(points::read_pairs(&self.nominal)?),

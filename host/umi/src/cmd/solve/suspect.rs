@@ -12,14 +12,19 @@ const MOST_RMS: f64 = 0.005;
 const BETTER: f64 = 0.05;
 /// Orders of points that fit to this share of the size are not told apart by noise.
 const LEAST_RMS: f64 = 1e-4;
+/// Turns that differ by less are one.
+const LEAST_TURN_DEG: f64 = 1.0;
+/// Another order fits as well: not worse by more.
+const AS_WELL: f64 = 3.0;
 /// Points of which all orders are tried.
 const MOST_ORDERED: usize = 7;
 
-/// Why the lists do not belong together as they are.
+/// Why the lists do not belong together as they are. Points that are named are in their order.
 pub(super) fn why(
     nominal: &[Point],
     measured: &[Point],
     registration: &Registration,
+    are_named: bool,
 ) -> Option<String> {
     let rms_mm = registration.stats.rms.0;
     let (there, here) = (size(nominal), size(measured));
@@ -47,8 +52,11 @@ pub(super) fn why(
          or X and Y exchanged, looks like that; look at the signs and the order of the axes"
             .to_owned()
     });
-    if rms_mm <= LEAST_RMS * smaller {
-        return upside_down;
+    let least_mm = LEAST_RMS * smaller;
+    if rms_mm <= least_mm {
+        return upside_down.or_else(|| {
+            (!are_named).then(|| turned(nominal, measured, registration, least_mm))?
+        });
     }
     if rms_mm > MOST_SCALE * smaller && mirrored_mm < BETTER * rms_mm {
         return Some(format!(
@@ -56,24 +64,14 @@ pub(super) fn why(
              {mirrored_mm:.4} mm; look at the signs of the axes"
         ));
     }
-    if measured.len() <= MOST_ORDERED {
-        let mut best = (f64::INFINITY, Vec::new());
-        each_order(measured.len(), &mut |order| {
-            let ordered: Vec<Point> = order.iter().map(|place| measured[*place]).collect();
-            let other_mm = rms_of(nominal, &ordered);
-            if other_mm < best.0 {
-                best = (other_mm, order.to_vec());
-            }
-        });
-        let (best_mm, order) = best;
-        if best_mm < BETTER * rms_mm {
-            let order: Vec<String> = order.iter().map(|place| (place + 1).to_string()).collect();
-            return Some(format!(
-                "the points are in another order: in the order {} the measured ones fit to {best_mm:.4} mm, \
-                 as they stand to {rms_mm:.4} mm; write both lists in one order",
-                order.join(" ")
-            ));
-        }
+    if let Some((best, order)) = best_order(nominal, measured, |found| found.stats.rms.0)
+        && best.stats.rms.0 < BETTER * rms_mm
+    {
+        return Some(format!(
+            "the points are in another order: in the order {order} the measured ones fit to {:.4} mm, \
+             as they stand to {rms_mm:.4} mm; write both lists in one order",
+            best.stats.rms.0
+        ));
     }
     if upside_down.is_some() {
         return upside_down;
@@ -84,12 +82,66 @@ pub(super) fn why(
              motion stretches: look at units, order and names of the points"
         ));
     }
-    (rms_mm > MOST_RMS * smaller).then(|| {
-        format!(
+    if rms_mm > MOST_RMS * smaller {
+        return Some(format!(
             "the points are {rms_mm:.4} mm (rms) beside each other, {:.1} % of their distance from \
              their middle: look at the order of the points, and for one that is wrong",
             100.0 * rms_mm / smaller
+        ));
+    }
+    (!are_named).then(|| turned(nominal, measured, registration, least_mm))?
+}
+
+/// Another order that fits as well and turns the part less, as of a square whose list begins at another
+/// corner. A part that lies about as it should turns little.
+fn turned(
+    nominal: &[Point],
+    measured: &[Point],
+    registration: &Registration,
+    least_mm: f64,
+) -> Option<String> {
+    let most_mm = AS_WELL * registration.stats.rms.0.max(least_mm);
+    let (best, order) = best_order(nominal, measured, |found| {
+        match found.stats.rms.0 <= most_mm {
+            true => found.angle.0.abs(),
+            false => f64::INFINITY,
+        }
+    })?;
+    let angles_deg = [registration, &best].map(|found| found.angle.0.abs().to_degrees());
+    let [angle_deg, best_deg] = angles_deg;
+    (best.stats.rms.0 <= most_mm && best_deg + LEAST_TURN_DEG < angle_deg).then(|| {
+        format!(
+            "as the lists stand the part is turned by {angle_deg:.3} degrees, in the order {order} of the \
+             measured points by {best_deg:.3}, and both fit ({:.4} and {:.4} mm): where the points stand \
+             alike their order decides; look at it, and give both lists a column `name`",
+            registration.stats.rms.0, best.stats.rms.0
         )
+    })
+}
+
+/// The registration by the order of the measured points for which this is least, and the order in words.
+fn best_order(
+    nominal: &[Point],
+    measured: &[Point],
+    of: impl Fn(&Registration) -> f64,
+) -> Option<(Registration, String)> {
+    if measured.len() > MOST_ORDERED {
+        return None;
+    }
+    let mut best: Option<(f64, Registration, Vec<usize>)> = None;
+    each_order(measured.len(), &mut |order| {
+        let ordered: Vec<Point> = order.iter().map(|place| measured[*place]).collect();
+        let Ok(found) = register(nominal, &ordered) else {
+            return;
+        };
+        let value = of(&found);
+        if best.as_ref().is_none_or(|(least, ..)| value < *least) {
+            best = Some((value, found, order.to_vec()));
+        }
+    });
+    best.map(|(_, found, order)| {
+        let order: Vec<String> = order.iter().map(|place| (place + 1).to_string()).collect();
+        (found, order.join(" "))
     })
 }
 
@@ -133,8 +185,8 @@ mod tests {
         assert_eq!((count, seen.len()), (120, 120));
     }
 
-    /// Each order of a plate's balls but the right one is told, and the right one is named; a
-    /// square, whose turned orders fit as well, is not held against anybody.
+    /// Each order of a plate's balls but the right one is told, and the right one is named; of a square
+    /// those that turn it.
     #[test]
     fn another_order_is_told() {
         let plate: Vec<Point> = [
@@ -153,7 +205,7 @@ mod tests {
         let (mut told, mut right) = (0, 0);
         each_order(4, &mut |order| {
             let moved: Vec<Point> = order.iter().map(|place| moved[*place]).collect();
-            match why(&plate, &moved, &found(&plate, &moved)) {
+            match why(&plate, &moved, &found(&plate, &moved), false) {
                 Some(said) => {
                     assert!(said.contains("another order"), "{said}");
                     told += 1;
@@ -174,7 +226,23 @@ mod tests {
             .zip(&square)
             .map(|(i, p)| Point::from_mm(p.mm.x + 0.004 * f64::from(i % 3), p.mm.y, p.mm.z))
             .collect();
-        assert_eq!(why(&square, &probed, &found(&square, &probed)), None);
+        assert_eq!(why(&square, &probed, &found(&square, &probed), false), None);
+        // Begun at another corner, it would turn by a quarter or a half; named, it does.
+        for first in 1..4 {
+            let mut shifted = probed.clone();
+            shifted.rotate_left(first);
+            for shifted in [shifted.clone(), shifted.iter().map(exact).collect()] {
+                let registration = found(&square, &shifted);
+                let said = why(&square, &shifted, &registration, false).unwrap();
+                assert!(said.contains("column `name`"), "{said}");
+                assert_eq!(why(&square, &shifted, &registration, true), None);
+            }
+        }
+    }
+
+    /// Without what was measured beside it.
+    fn exact(p: &Point) -> Point {
+        Point::from_mm(p.mm.x.round(), p.mm.y, p.mm.z)
     }
 
     /// A flat plate whose list has lost a sign, or has X and Y exchanged, fits as half a turn that
@@ -200,7 +268,7 @@ mod tests {
             for (read, is_told) in [(lost, true), (exchanged, true), (turned, false)] {
                 let measured: Vec<Point> = nominal.iter().map(read).collect();
                 let found = register(&nominal, &measured).unwrap();
-                let said = why(&nominal, &measured, &found);
+                let said = why(&nominal, &measured, &found, false);
                 let is_named =
                     |said: &String| said.contains("upside down") || said.contains("mirror image");
                 assert_eq!(

@@ -192,6 +192,35 @@ fn a_new_job_holds_the_distances_of_its_sheet() {
         answer.json()["error"]["code"].as_str().unwrap().to_owned()
     };
     assert_eq!(refused("0,0,0\n9,0,0\n0,9,0\n"), "ball_count");
+    // Its names are those that the control prints, in whatever order they stand.
+    let named = |names: [&str; 4]| {
+        let places = ["0,0,0", "90,0,0", "0,80,0", "70,70,9"];
+        let rows = names.iter().zip(places);
+        let rows: String = rows.map(|(name, at)| format!("{name},{at}\n")).collect();
+        format!("name,x,y,z\n{rows}")
+    };
+    let shuffled = folder.path("shuffled");
+    std::fs::write(
+        &shuffled,
+        named(["SPHERE2", "sphere1", "SPHERE4", "SPHERE3"]),
+    )
+    .unwrap();
+    let job = umi(&["job", "new", "--sheet", &shuffled]).exits(0).out;
+    let places: Vec<&str> = (job.lines())
+        .filter_map(|line| line.strip_prefix("position_mm = ["))
+        .filter_map(|rest| rest.split_once(']').map(|(place, _)| place))
+        .collect();
+    let sorted = [
+        "90.0, 0.0, 0.0",
+        "0.0, 0.0, 0.0",
+        "70.0, 70.0, 9.0",
+        "0.0, 80.0, 0.0",
+    ];
+    assert_eq!(places, sorted);
+    let foreign = ["SPHERE2", "SPHERE3", "SPHERE4", "SPHERE5"];
+    assert_eq!(refused(&named(foreign)), "ball_names");
+    let together = "0,0,0\n90,0,0\n0,80,0\n0,80,0.5\n";
+    assert_eq!(refused(together), "balls_together");
     let on_a_line = "0,0,0\n1,0,0\n2,0,0\n3,0,0\n";
     assert_eq!(refused(on_a_line), "degenerate");
 }

@@ -253,6 +253,58 @@ fn a_transform_is_one() {
     for refused in both(&chip.out) {
         assert_eq!(error(&refused.exits(2)), "expected_error");
     }
+    // As well known as that at its points, and a part reaches farther: the covariance says how well there.
+    let near = folder.file("near.csv", "x,y,z\n0,0,0\n10,0,0\n0,8,0\n2,3,4\n");
+    let found = folder.file("f.csv", "x,y,z\n1,0,0\n1,10.003,0\n-7,0,0.003\n-2,2,4\n");
+    let near = umi(&["register", &near, &found, "--json"]).exits(0);
+    assert!(near.json()["suspect"].is_null());
+    for reaches in both(&near.out) {
+        reaches.exits(0);
+    }
+    let far = folder.file("far.nc", format!("{HEAD}G0 X300. Y0. Z5.\nM30\n"));
+    let made = folder.file("near.json", &near.out);
+    let far = |more: &[&str]| {
+        let rewrite = [
+            "nc",
+            "rewrite",
+            &far,
+            "-o",
+            &out,
+            "--force",
+            "--json",
+            "--transform",
+            &made,
+        ];
+        umi(&[&rewrite[..], more].concat())
+    };
+    let wide = [
+        "correction",
+        "--transform",
+        &made,
+        "--job",
+        &job,
+        "--json",
+        "--part-max",
+        "300,200,100",
+    ];
+    assert_eq!(error(&umi(&wide).exits(2)), "expected_error");
+    assert_eq!(error(&far(&[]).exits(2)), "expected_error");
+    far(&["--limit", "0.5"]).exits(0);
+    // A square whose list begins at another corner fits as well, and turns the part by a quarter.
+    let square = ["0,0,0", "100,0,0", "100,100,0", "0,100,0"];
+    let of = |places: [&str; 4]| format!("x,y,z\n{}\n", places.join("\n"));
+    let [a, b, c, d] = square;
+    let [straight, shifted] = [
+        folder.file("s.csv", of(square)),
+        folder.file("r.csv", of([b, c, d, a])),
+    ];
+    let good = umi(&["register", &straight, &straight, "--json"]).exits(0);
+    assert!(good.json()["suspect"].is_null());
+    let turned = umi(&["register", &straight, &shifted, "--json"]);
+    let turned = turned.exits(0).says("column `name`").out;
+    for refused in both(&turned) {
+        assert_eq!(error(&refused.exits(2)), "not_ok");
+    }
     // Whoever wrote it: a tool would come from below.
     let over = r#"{"rotation": [[-1,0,0],[0,1,0],[0,0,-1]], "translation_mm": [0,0,0]}"#;
     for refused in both(over) {

@@ -50,14 +50,19 @@ impl Check {
     pub fn run(self) -> Result<(), Failure> {
         let program = self.how.program(&self.program)?;
         let basis = self.moved_by.read_in(self.how.stated())?;
-        basis.as_ref().map_or(Ok(()), |it| self.how.holds(it))?;
+        let holds = |reach| {
+            basis
+                .as_ref()
+                .map_or(Ok(()), |it| self.how.holds(it, reach))
+        };
+        holds(None)?;
         let measured_in = basis.as_ref().and_then(Basis::measured_in);
         let settings = |transform| self.how.settings(transform, measured_in);
         let examine = |transform| {
             let examined = tool_path::examine(&program, &settings(transform)?)?;
             Ok::<_, Failure>(examined)
         };
-        let transform = match basis {
+        let transform = match &basis {
             Some(basis) => Some(basis.transform()?),
             None => None,
         };
@@ -68,7 +73,9 @@ impl Check {
             let tried = tool_path::LEANING.transform();
             return self.tell(&program, &level, Some(&leaning), &settings(tried)?);
         };
-        self.tell(&program, &examine(transform)?, None, &settings(transform)?)
+        let examined = examine(transform)?;
+        holds(examined.summary.nominal_mm)?;
+        self.tell(&program, &examined, None, &settings(transform)?)
     }
 
     fn tell(

@@ -31,7 +31,8 @@ pub(crate) struct How {
     /// Rewrite a program that was rewritten before
     #[arg(long)]
     again: bool,
-    /// Most that a --transform may be off at the worst of its points, one standard deviation
+    /// Most that a --transform may be off, one standard deviation: at the worst of its points, and as far
+    /// out as the program reaches
     #[arg(long, value_name = "MM", default_value_t = 0.02)]
     limit: f64,
 }
@@ -59,12 +60,12 @@ impl How {
         })
     }
 
-    /// Whether a motion is known well enough.
+    /// Whether a motion is known well enough, also where a program reaches, nominal.
     ///
     /// # Errors
     /// As [`Basis::known_to`].
-    pub fn holds(&self, basis: &Basis) -> Result<(), Problem> {
-        basis.known_to(self.limit)
+    pub fn holds(&self, basis: &Basis, reach_mm: Option<[[f64; 3]; 2]>) -> Result<(), Problem> {
+        basis.known_to(self.limit, reach_mm)
     }
 
     /// The program, with those that are loaded.

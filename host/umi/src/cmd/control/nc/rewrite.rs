@@ -73,7 +73,7 @@ impl Rewrite {
         let Some(basis) = self.moved_by.read_in(self.how.stated())? else {
             return Err(Failure::trouble("usage", WHICH));
         };
-        self.how.holds(&basis)?;
+        self.how.holds(&basis, None)?;
         let source = basis.source()?;
         let mut inputs = vec![self.program.as_path()];
         inputs.extend(self.how.inputs().chain(self.moved_by.inputs()));
@@ -84,9 +84,10 @@ impl Rewrite {
             ..self.how.settings(source.transform, source.measured_in)?
         };
         let is_stdout = self.output.as_os_str() == "-";
-        if is_stdout {
-            // What has gone out cannot be taken back.
-            self.examined(&program, &settings)?;
+        // What has gone out cannot be taken back; and how far a program reaches it says at its end.
+        if is_stdout || basis.is_known_everywhere() {
+            let summary = self.examined(&program, &settings)?;
+            self.how.holds(&basis, summary.nominal_mm)?;
         }
         let identity = tool_path::identity(&self.program)?;
         let with_header = RewriteSettings {
@@ -129,10 +130,14 @@ impl Rewrite {
     }
 
     /// Refuses a program that cannot be rewritten, by its first reason and their number.
-    fn examined(&self, program: &PartProgram, settings: &RewriteSettings) -> Result<(), Failure> {
+    fn examined(
+        &self,
+        program: &PartProgram,
+        settings: &RewriteSettings,
+    ) -> Result<Summary, Failure> {
         let examined = tool_path::examine(program, settings)?;
         let Some(first) = examined.refusals.first() else {
-            return Ok(());
+            return Ok(examined.summary);
         };
         let all = examined.refusals.len() as u64 + examined.more;
         let others = match all - 1 {
