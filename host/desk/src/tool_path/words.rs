@@ -146,7 +146,7 @@ impl BlockWords {
             ),
             Some(("G", number)) => {
                 let code = number.split_once('.').map_or(number, |(code, _)| code);
-                matches!(code, "43" | "44" | "49" | "61" | "62" | "63" | "64")
+                matches!(code, "9" | "43" | "44" | "49" | "61" | "62" | "63" | "64")
             }
             _ => false,
         };

@@ -67,12 +67,13 @@ length zero and home at machine zero; numbers without a point are mm, or 0.001 m
 Arcs may have become chords. Every motion is followed all the way, in its direction and by all its
 turns: where it strays more than --within-mm from the image of the first program's, the programs
 differ.
-What stands between motions is compared by its text and its place: T, M codes, H, G43, G44, G49, G61,
-G64, G10, variables, IF, WHILE, GOTO and the blocks it leads to, and /. A mode (G90, G21, G54, G17, G40)
+What stands between motions is compared by its text and its place: T, M codes, H, G9, G43, G44, G49,
+G61, G64, G10, variables, IF, WHILE, GOTO and the blocks it leads to, and /. A mode (G90, G21, G54, G17, G40)
 or a unit of numbers without a point that only one program takes for granted is a difference, too.
 Blocks that a decision leads round are compared by their text; where that differs, or would have to be
 moved, the answer is not compared.
-Not compared: feeds, dwells, spindle (M3, M4, M5), coolant (M7, M8, M9), prints, comments, N numbers.
+Not compared: feeds, dwells, spindle (M3, M4, M5), coolant (M7, M8, M9), prints, comments, N numbers,
+and shifts (G52, G92) behind the last motion, which a program that follows would meet.
 Work offsets that no --origin gives, and no job, lie far from each other: motions in another one are
 somewhere else. Variables that a program does not set are empty.
 Motions in machine coordinates (G28, G30, G53), and those with an axis that is still there or was
