@@ -34,16 +34,16 @@ impl<F: Flash> Instrument<F> {
         }
         let mut lost_from = |from| journal.lost_from(from).map_err(|_| AckError::Storage);
         let lost = lost_from(kept.acked)?.saturating_sub(lost_from(seq)?);
+        // A record costs room for evidence: one for each acknowledgement only where it tells a loss.
+        // It comes first, for behind the deed nobody could count the loss again.
+        let is_told = lost > 0 || ledger.changes.take(now);
+        if is_told && !ledger.record(now, Record::Acknowledged { seq, lost }) {
+            return Err(AckError::Storage);
+        }
+        let custody = ledger.custody.get_mut();
+        let custody = custody.ok_or(AckError::NotOnThisBoard)?;
         let kept = Kept { acked: seq, ..kept };
-        custody.save(now, kept).map_err(|_| AckError::Storage)?;
-        if lost == 0 && !ledger.changes.take(now) {
-            // It is kept; the record would only cost room for evidence.
-            return Ok(());
-        }
-        match ledger.record(now, Record::Acknowledged { seq, lost }) {
-            true => Ok(()),
-            false => Err(AckError::Storage),
-        }
+        custody.save(now, kept).map_err(|_| AckError::Storage)
     }
 
     /// Replaces what the owner allows.

@@ -90,7 +90,11 @@ impl FileHeader {
     /// [`FileError::HeaderDamaged`].
     pub fn decode(bytes: &[u8]) -> Result<(Self, usize), FileError> {
         if !bytes.starts_with(&MAGIC) {
-            return Err(FileError::NotAJournal);
+            // Cut within its first bytes, or emptied, it is damaged as one that is cut behind them.
+            return Err(match MAGIC.starts_with(bytes) {
+                true => FileError::HeaderDamaged,
+                false => FileError::NotAJournal,
+            });
         }
         // The version is believed only where the check value of its own header is right.
         match (

@@ -152,7 +152,13 @@ fn any_changed_byte_of_the_header_is_found() {
         decode_file(&file[..83]).unwrap_err(),
         FileError::HeaderDamaged
     );
-    assert_eq!(decode_file(&[]).unwrap_err(), FileError::NotAJournal);
+    for length in 0..4 {
+        assert_eq!(
+            decode_file(&file[..length]).unwrap_err(),
+            FileError::HeaderDamaged
+        );
+    }
+    assert_eq!(decode_file(b"UX").unwrap_err(), FileError::NotAJournal);
 }
 
 /// A forger who makes every CRC right is found by the chain.

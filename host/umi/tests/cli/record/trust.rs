@@ -234,6 +234,8 @@ fn forged_journals_are_refused() {
         (&honest[..first + 9], "entry_cut_short", Value::from(1)),
         (&flipped, "entry_damaged", Value::from(1)),
         (&headless, "journal_header_damaged", Value::Null),
+        (&honest[..0], "journal_header_damaged", Value::Null),
+        (&honest[..3], "journal_header_damaged", Value::Null),
     ] {
         let bad = folder.file("bad.umij", bytes);
         let error = error(umi(&["log", "verify", &bad, "--key", &key, "--json"]));
