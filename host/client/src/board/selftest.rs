@@ -145,7 +145,7 @@ impl SelfTest {
 }
 
 /// Asks for the test with so many restarts of the rings and edges of each input, and waits for its
-/// table, at most `patience` for each row.
+/// table, at most `patience` for each row. `progress` sees the table after each line of it.
 ///
 /// # Errors
 /// `no_selftest`: no answer, as of a board with another image; `bad_selftest`; the port's own.
@@ -153,6 +153,7 @@ pub fn run(
     port: &mut dyn Transport,
     (restarts, edges): (u32, u32),
     patience: Duration,
+    mut progress: impl FnMut(&SelfTest),
 ) -> Result<SelfTest, Problem> {
     let broken =
         |error| Problem::trouble("disconnected", format_args!("the board's port: {error}"));
@@ -198,6 +199,7 @@ pub fn run(
             if table.take(&text)? {
                 return Ok(table);
             }
+            progress(&table);
         }
     }
 }

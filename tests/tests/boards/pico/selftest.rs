@@ -38,7 +38,7 @@ impl Bench {
     }
 
     fn test(&mut self) -> SelfTest {
-        selftest::run(self.port.as_mut(), ASKED, PATIENCE).unwrap()
+        selftest::run(self.port.as_mut(), ASKED, PATIENCE, |_| {}).unwrap()
     }
 
     /// Puts another word into a register while the test runs, and the old one back.

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 use umi_client::board::port;
 use umi_client::board::selftest::{self, SelfTest};
@@ -12,6 +13,7 @@ use crate::cmd::{Board, Format};
 use crate::failure::Failure;
 use crate::output::Force;
 use crate::show::terminal::{BAD, GOOD, PLAIN, Table, paint, print, print_json};
+use crate::show::text::printable;
 
 /// Let a board test itself, and show the table of what it promises and measures
 #[derive(Args)]
@@ -59,7 +61,19 @@ impl Selftest {
         }
         let mut port = port::open(self.board.address())?;
         let patience = Duration::from_secs(self.seconds);
-        let table = selftest::run(port.as_mut(), (self.restarts, self.edges), patience)?;
+        let bar = ProgressBar::new_spinner()
+            .with_style(style())
+            .with_message("waiting for the board's first row");
+        bar.enable_steady_tick(Duration::from_millis(200));
+        let asked = (self.restarts, self.edges);
+        let table = selftest::run(port.as_mut(), asked, patience, |table| {
+            if let Some(row) = table.rows.last() {
+                let name = printable(row.name.as_bytes());
+                bar.set_message(format!("{} rows, the last: {name}", table.rows.len()));
+            }
+        });
+        bar.finish_and_clear();
+        let table = table?;
         let told = told(&table);
         if let Some(output) = &self.output {
             let text = format!("{told:#}\n");
@@ -75,6 +89,11 @@ impl Selftest {
             _ => Err(Failure::Negative),
         }
     }
+}
+
+fn style() -> ProgressStyle {
+    ProgressStyle::with_template("{spinner} {elapsed}, {msg}")
+        .unwrap_or_else(|_| ProgressStyle::default_spinner())
 }
 
 fn told(table: &SelfTest) -> Value {
