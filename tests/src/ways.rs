@@ -358,12 +358,6 @@ fn ways() -> Vec<(&'static str, Vec<Step>)> {
             Step::Reads(22),
         ]),
         ("`G51 X0 Y0 Z0 P2.` is active", vec![before(23, "G51 X0 Y0 Z0 P2.").step(), Step::Reads(23)]),
-        ("`T2.` was left in the program", vec![
-            words(24, [0.1, 0.2, 0.0], "T2.").step(),
-            Step::Reads(24),
-            words(25, HERE, "T2.").step(),
-            Step::Reads(25),
-        ]),
         ("As it should be, again", vec![clean(26, THERE).step(), Step::Reads(26)]),
         ("The number of run 26 again, of another clamping: a count that was set back by one", vec![
             clean(26, [1.5, -1.0, 0.4]).step(),
@@ -423,6 +417,14 @@ fn ways() -> Vec<(&'static str, Vec<Step>)> {
             clean(42, HERE).step(),
             Step::Reads(42),
         ]),
+        ("`T2.` was left in the program", vec![
+            words(43, [0.1, 0.2, 0.0], "T2.").step(),
+            Step::Reads(43),
+            words(44, HERE, "T2.").step(),
+            Step::Reads(44),
+            clean(45, THERE).step(),
+            Step::Reads(45),
+        ]),
         ("Blocks without run numbers in inches: taught, and against what was taught in mm", vec![
             Step::Sets(Box::new(job())),
             Step::Prints(in_inches(&clamping(0))),
@@ -473,6 +475,17 @@ fn ways() -> Vec<(&'static str, Vec<Step>)> {
             Step::Asks,
             Step::Prints(announced(6, "", "") + &clamping(1)),
             Step::Reads(7),
+        ]),
+        ("The same, nothing taught, and text of run 1 with `T1.` comes late, before that of run 2, which was meant to teach", vec![
+            Step::Sets(Box::new(toml::from_str(&read("examples/three-spheres-run.toml")).expect("a job"))),
+            Step::Prints(announced(1, "T1.", "") + &clamping(0)),
+            Step::Prints(announced(2, "T1.", "") + &clamping(1)),
+            Step::Reads(2),
+            Step::Prints(announced(3, "", "") + &clamping(2)),
+            Step::Reads(3),
+            Step::Prints(announced(4, "T1.", "") + &clamping(0)),
+            Step::Prints(announced(5, "", "") + &clamping(1)),
+            Step::Reads(5),
         ]),
     ]
 }

@@ -659,9 +659,10 @@ pub enum Reason {
         "the run did not say whether G52 or G92 shifts its coordinates: its macros are older than the job's `frame`; load all of hw/control"
     )]
     ShiftUnknown,
-    /// A line asks to replace the reference that the setup before was made by such a line.
+    /// A line asks to teach, and one taught the setup before: which of the two is meant is not
+    /// known, and neither is the reference.
     #[error(
-        "the setup before was taught by `T2.` as well, and a program that goes on to say it would teach each setup: take `T2.` out of it, or ask at the host (`umi teach --again`)"
+        "a line taught the setup before as well, so which of the two is meant is not known, and nothing is taught now: take `T1.` or `T2.` out of the program if it was left there; probe once without it, then teach again, or ask at the host (`umi teach`)"
     )]
     TaughtTwice,
     /// A datum feature was not probed between the closing one and the one that it repeats: what

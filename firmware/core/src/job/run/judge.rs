@@ -3,12 +3,11 @@
 use nalgebra::Vector3;
 use umi_protocol::feature::FitReport;
 use umi_protocol::job::{Closing, FeatureSpec, Job, Lessons, Name, Teach};
-use umi_protocol::message::TeachBy;
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::Verdict;
 
 use super::step::{MOST_STEP_MM, Steps};
-use super::teach::{Lesson, TeachingAct};
+use super::teach::{Lesson, TeachLine, TeachingAct};
 use super::{Decision, Progress, Run, Teaching};
 use crate::job::check::{closing, datums, fixed, moves_something, not_guarded, place_count};
 use crate::job::scatter::Scatter;
@@ -57,9 +56,9 @@ impl Run {
             });
         }
         if taught {
-            self.taught_by_again = self.asked.by == TeachBy::Line && self.asked.again;
+            self.taught_by = self.asked.line();
         } else if !self.against.contains(&Reason::TaughtTwice) {
-            self.taught_by_again = false;
+            self.taught_by = TeachLine::None;
         }
         let widens = self.widens(&verdict);
         self.add_remarks(taught, &mut verdict);

@@ -45,7 +45,7 @@ use crate::units::{Micros, Point};
 use crate::zero_option::ZeroOption;
 use arrivals::Slot;
 pub use step::is_coarse;
-use teach::{Asked, TeachingAct};
+use teach::{Asked, TeachLine, TeachingAct};
 use told::Frame;
 
 /// What the job decides.
@@ -89,9 +89,8 @@ pub struct Run {
     teaching: TeachingAct,
     /// Who asked to teach, and when: means nothing where nobody has.
     asked: Asked,
-    /// The reference was taught by a line that says "also in place of what there is", and no
-    /// setup has been measured since without one.
-    taught_by_again: bool,
+    /// By which line the setup before was taught, or refused for saying so again.
+    taught_by: TeachLine,
     /// The latest result of each feature, and whether it belongs to this setup.
     slots: Vec<Slot, MAX_FEATURES>,
     /// Number of the setup under way, from 0.
@@ -156,7 +155,7 @@ impl Run {
             unwidened: ZeroOption::empty(),
             teaching: TeachingAct::None,
             asked: Asked::NOBODY,
-            taught_by_again: false,
+            taught_by: TeachLine::None,
             slots: Vec::new(),
             setup: 0,
             progress: Progress::Empty,
@@ -201,7 +200,7 @@ impl Run {
             unwidened,
             teaching,
             asked,
-            taught_by_again,
+            taught_by,
             slots,
             setup,
             progress,
@@ -234,7 +233,7 @@ impl Run {
         *learned = Lessons::NONE;
         unwidened.clear();
         (*teaching, *asked) = (TeachingAct::None, Asked::NOBODY);
-        *taught_by_again = false;
+        *taught_by = TeachLine::None;
         slots.clear();
         for _ in &job.features {
             // Bounded: there are as many slots as a job can have features.

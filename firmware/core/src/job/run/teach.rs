@@ -37,6 +37,38 @@ impl Asked {
         at: Micros(0),
         again: false,
     };
+
+    /// The line that asked, if it was one.
+    pub(super) fn line(self) -> TeachLine {
+        match (self.by, self.again) {
+            (TeachBy::Line, true) => TeachLine::Again,
+            (TeachBy::Line, false) => TeachLine::First,
+            _ => TeachLine::None,
+        }
+    }
+}
+
+/// The line by which a setup is taught.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum TeachLine {
+    /// None: somebody else asked, or nothing was taught.
+    None,
+    /// `T1.`
+    First,
+    /// `T2.`: also in place of what there is.
+    Again,
+}
+
+impl TeachLine {
+    /// Whether it is not known which of the two setups is meant, where another line teaches behind
+    /// this one. Only `T2.` behind `T1.` says it: the new one.
+    pub(super) fn leaves_in_doubt(self, then_again: bool) -> bool {
+        match self {
+            Self::None => false,
+            Self::First => !then_again,
+            Self::Again => true,
+        }
+    }
 }
 
 /// What a setup is to teach.
@@ -90,12 +122,17 @@ impl Run {
             return Ok(());
         }
         self.teaching = TeachingAct::Next(Lesson::Reference);
+        self.forget(out);
+        Ok(())
+    }
+
+    /// What was taught is the reference no more.
+    pub(super) fn forget(&mut self, out: &mut impl FnMut(Decision<'_>)) {
         if self.reference.take().is_some() {
             self.learned = Lessons::NONE;
             self.feed_mm_per_min = 0.0;
             out(Decision::Taught(Teaching::NONE));
         }
-        Ok(())
     }
 
     /// Whether [`Self::teach`] would be taken.

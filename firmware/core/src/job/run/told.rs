@@ -64,7 +64,10 @@ impl Run {
             }
             Said::Teach { again } => {
                 self.give_up(Reason::RunChanged, out);
-                if again && self.taught_by_again {
+                if self.taught_by.leaves_in_doubt(again) {
+                    // The one before may be an old run that came late, and this the one that was
+                    // meant; or the line was left in the program.
+                    self.forget(out);
                     self.next_setup();
                     self.hold_against(Reason::TaughtTwice);
                     return;

@@ -112,38 +112,64 @@ fn a_line_asks_for_its_own_run() {
     assert_eq!(outcome.summary(), ["no_reference"]);
 }
 
-/// A program in which `T2.` was left would teach each setup, wherever it stands: the second one in
-/// a row is refused, and so are those behind it, until a setup is measured without it or a host
-/// asks.
+/// A line that teaches behind a setup that a line has taught: the one before may be an old text that
+/// came late, or the line was left in the program. Neither is the reference, nor is what comes behind
+/// with such a line, until a setup is measured without one or a host asks.
 #[test]
-fn a_line_that_was_left_in_a_program_teaches_once() {
+fn of_two_setups_that_lines_teach_neither_is_the_reference() {
+    for (first, then) in [(false, false), (true, false), (true, true)] {
+        let mut asked = with_ids(job());
+        asked.teach = Teach::Asked;
+        let mut run = Run::new(asked);
+        let mut outcome = Outcome::default();
+        let teaches = |run: &mut Run, outcome: &mut Outcome, of_run: u32, again: bool| {
+            says(run, outcome, of_run, again);
+            let blocks = clamping(of_run as usize - 1, [1, 2, 3]);
+            send(run, outcome, &blocks, of_run);
+        };
+        teaches(&mut run, &mut outcome, 1, first);
+        teaches(&mut run, &mut outcome, 2, then);
+        assert_eq!(run.taught(), None);
+        teaches(&mut run, &mut outcome, 3, then);
+        let refused = "taught_twice no_reference";
+        assert_eq!(outcome.summary(), ["OK", refused, refused]);
+        // Taught, and forgotten.
+        assert_eq!(outcome.taught, 2);
+        send(&mut run, &mut outcome, &clamping(3, [1, 2, 3]), 4);
+        says(&mut run, &mut outcome, 5, then);
+        send(&mut run, &mut outcome, &clamping(4, [1, 2, 3]), 5);
+        assert_eq!(outcome.summary()[3..], ["no_reference", "OK"]);
+        let what = TeachWhat::Again;
+        let taken = run.teach(Micros(9), HOST, what, &mut |d| outcome.take(d));
+        assert_eq!(taken, Ok(()));
+        send(&mut run, &mut outcome, &clamping(0, [1, 2, 3]), 6);
+        send(&mut run, &mut outcome, &clamping(1, [1, 2, 3]), 7);
+        assert_eq!(outcome.summary()[5..], ["OK", "OK"]);
+        assert!(outcome.verdicts[6].registration.is_some());
+    }
+}
+
+/// `T2.` right behind `T1.` says which of the two is meant: the new one.
+#[test]
+fn a_line_replaces_what_the_setup_before_has_taught() {
     let mut asked = with_ids(job());
     asked.teach = Teach::Asked;
     let mut run = Run::new(asked);
     let mut outcome = Outcome::default();
-    let again = |run: &mut Run, outcome: &mut Outcome, of_run: u32| {
-        let said = Said::Teach { again: true };
-        let announced = Announced { run: of_run, said };
-        run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
-    };
-    for number in 0..3 {
-        again(&mut run, &mut outcome, number + 1);
-        let blocks = clamping(number as usize, [1, 2, 3]);
-        send(&mut run, &mut outcome, &blocks, number + 1);
-    }
-    assert_eq!(outcome.summary(), ["OK", "taught_twice", "taught_twice"]);
-    assert_eq!(outcome.taught, 1);
-    send(&mut run, &mut outcome, &clamping(3, [1, 2, 3]), 4);
-    again(&mut run, &mut outcome, 5);
-    send(&mut run, &mut outcome, &clamping(4, [1, 2, 3]), 5);
-    assert_eq!(outcome.summary()[3..], ["OK", "OK"]);
-    // What was there is none any more, and then the new one is it.
-    assert_eq!(outcome.taught, 3);
-    let what = TeachWhat::Again;
-    let taken = run.teach(Micros(9), HOST, what, &mut |d| outcome.take(d));
-    assert_eq!(taken, Ok(()));
-    send(&mut run, &mut outcome, &clamping(0, [1, 2, 3]), 6);
-    assert_eq!(outcome.summary()[5], "OK");
+    says(&mut run, &mut outcome, 1, false);
+    send(&mut run, &mut outcome, &clamping(0, [1, 2, 3]), 1);
+    let before = run.taught().unwrap().places.to_vec();
+    says(&mut run, &mut outcome, 2, true);
+    send(&mut run, &mut outcome, &clamping(1, [1, 2, 3]), 2);
+    assert_eq!(outcome.summary(), ["OK", "OK"]);
+    assert_ne!(run.taught().unwrap().places, before);
+}
+
+/// The control says that this run teaches.
+fn says(run: &mut Run, outcome: &mut Outcome, of_run: u32, again: bool) {
+    let said = Said::Teach { again };
+    let announced = Announced { run: of_run, said };
+    run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
 }
 
 /// A line asks to teach; without "again" it does not replace what there is.
@@ -153,17 +179,12 @@ fn a_line_teaches() {
     asked.teach = Teach::Asked;
     let mut run = Run::new(asked);
     let mut outcome = Outcome::default();
-    let asks = |run: &mut Run, outcome: &mut Outcome, of_run: u32, again: bool| {
-        let said = Said::Teach { again };
-        let announced = Announced { run: of_run, said };
-        run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
-    };
-    asks(&mut run, &mut outcome, 1, false);
+    says(&mut run, &mut outcome, 1, false);
     send(&mut run, &mut outcome, &clamping(0, [3, 1, 2]), 1);
     send(&mut run, &mut outcome, &clamping(1, [3, 1, 2]), 2);
-    asks(&mut run, &mut outcome, 3, false);
+    says(&mut run, &mut outcome, 3, false);
     send(&mut run, &mut outcome, &clamping(2, [3, 1, 2]), 3);
-    asks(&mut run, &mut outcome, 4, true);
+    says(&mut run, &mut outcome, 4, true);
     send(&mut run, &mut outcome, &clamping(3, [3, 1, 2]), 4);
     send(&mut run, &mut outcome, &clamping(4, [3, 1, 2]), 5);
     assert_eq!(
@@ -290,17 +311,12 @@ fn a_late_line_does_not_forget_the_reference() {
     asked.teach = Teach::Asked;
     let mut run = Run::new(asked);
     let mut outcome = Outcome::default();
-    let asks = |run: &mut Run, outcome: &mut Outcome, of_run: u32, again: bool| {
-        let said = Said::Teach { again };
-        let announced = Announced { run: of_run, said };
-        run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
-    };
-    asks(&mut run, &mut outcome, 5, true);
+    says(&mut run, &mut outcome, 5, true);
     send(&mut run, &mut outcome, &clamping(0, [1, 2, 3]), 5);
     send(&mut run, &mut outcome, &clamping(1, [1, 2, 3]), 6);
     let before: Vec<Point> = run.taught().unwrap().places.to_vec();
     for old in [5, 4, 6] {
-        asks(&mut run, &mut outcome, old, true);
+        says(&mut run, &mut outcome, old, true);
         assert_eq!(
             run.taught().map(|of| of.places.to_vec()),
             Some(before.clone()),
@@ -308,11 +324,11 @@ fn a_late_line_does_not_forget_the_reference() {
         );
         assert_eq!(run.teach_pending(), None);
     }
-    asks(&mut run, &mut outcome, 5, true);
+    says(&mut run, &mut outcome, 5, true);
     send(&mut run, &mut outcome, &clamping(2, [1, 2, 3]), 5);
     send(&mut run, &mut outcome, &clamping(3, [1, 2, 3]), 7);
     assert_eq!(outcome.summary(), ["OK", "OK", "old_run", "OK"]);
     // One that is new does, as it says.
-    asks(&mut run, &mut outcome, 8, true);
+    says(&mut run, &mut outcome, 8, true);
     assert_eq!(run.taught(), None);
 }
