@@ -37,6 +37,17 @@ pub struct DrivenRun {
     pub axes: Vec<Vec<f64>>,
 }
 
+/// A run as a stance follows it.
+#[derive(Debug, Clone)]
+pub struct Followed {
+    /// What the axes can follow.
+    pub pieces: Vec<DrivenRun>,
+    /// And why not the rest.
+    pub unreached: Unreached,
+    /// How far X Y Z stayed from the ends of their travel in all that was tried; negative: something was beyond.
+    room_mm: f64,
+}
+
 /// Why points of a run are not reached.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Unreached {
@@ -87,6 +98,8 @@ pub struct Driver<'a> {
     machine: &'a PlanMachine,
     /// From the sensor inwards, without a spindle that turns the line alone.
     aiming: Vec<(usize, ChainRotation)>,
+    /// Angles of the last of them that are candidates at every pose, where it is the second.
+    raster: Vec<RasterAngle>,
     limits: Vec<[f64; 2]>,
     spindle: bool,
     tilt_deg: f64,
@@ -94,11 +107,26 @@ pub struct Driver<'a> {
     deadline: Option<Deadline>,
 }
 
+/// An angle with its sine and cosine.
+#[derive(Debug, Clone, Copy)]
+struct RasterAngle {
+    deg: f64,
+    sin: f64,
+    cos: f64,
+}
+
+impl RasterAngle {
+    fn of(deg: f64) -> Self {
+        let (sin, cos) = deg.to_radians().sin_cos();
+        RasterAngle { deg, sin, cos }
+    }
+}
+
 impl<'a> Driver<'a> {
     /// Looks the machine through once.
     pub fn new(spec: &'a ScanSpec) -> Self {
         let machine = &spec.machine;
-        Driver {
+        let mut driver = Driver {
             spec,
             machine,
             aiming: machine
@@ -109,13 +137,20 @@ impl<'a> Driver<'a> {
                     (place, joint)
                 })
                 .collect(),
+            raster: Vec::new(),
             limits: machine.limits()[3..].to_vec(),
             spindle: machine.line_by_spindle(),
             // Facets differ from the smoothed normal by about this much.
             tilt_deg: (spec.plan.max_tilt_deg - 0.6).max(spec.plan.max_tilt_deg * 0.8),
             turn_deg: spec.plan.max_turn_deg * TURN_SHARE,
             deadline: None,
+        };
+        if let [_, (_, inner)] = driver.aiming.as_slice() {
+            let mut raster = Vec::new();
+            driver.each_angle(inner, |b| raster.push(RasterAngle::of(b)));
+            driver.raster = raster;
         }
+        driver
     }
 
     /// Runs are followed no longer than this: a late answer is short, and whoever asks looks at the time.
@@ -278,26 +313,29 @@ impl<'a> Driver<'a> {
     }
 
     /// Axis values along a run.
-    pub fn follow(&self, points: &[RunPoint], stance: Stance) -> (Vec<DrivenRun>, Unreached) {
-        let mut pieces = Vec::new();
-        let mut unreached = Unreached::default();
+    pub fn follow(&self, points: &[RunPoint], stance: Stance) -> Followed {
+        let mut followed = Followed {
+            pieces: Vec::new(),
+            unreached: Unreached::default(),
+            room_mm: f64::INFINITY,
+        };
         let mut open: Vec<Vec<State>> = Vec::new();
         let mut from = 0;
         for (k, point) in points.iter().enumerate() {
             if k % LOOK_EVERY == 0 && !self.more() {
                 break;
             }
-            let mut states = self.states(point, stance);
+            let mut states = self.states(point, stance, &mut followed.room_mm);
             if states.is_empty() {
-                unreached.points += 1;
-                self.close(&mut pieces, from, &mut open, points, stance);
+                followed.unreached.points += 1;
+                self.close(&mut followed, from, &mut open, points, stance);
                 continue;
             }
             if let Some(before) = open.last()
                 && !self.join(before, &mut states)
             {
-                unreached.breaks += 1;
-                self.close(&mut pieces, from, &mut open, points, stance);
+                followed.unreached.breaks += 1;
+                self.close(&mut followed, from, &mut open, points, stance);
             }
             if open.is_empty() {
                 from = k;
@@ -309,8 +347,35 @@ impl<'a> Driver<'a> {
             }
             open.push(states);
         }
-        self.close(&mut pieces, from, &mut open, points, stance);
-        (pieces, unreached)
+        self.close(&mut followed, from, &mut open, points, stance);
+        followed
+    }
+
+    /// What [`Self::follow`] says of a stance that is another in its distance alone: the same angles, as long as no axis
+    /// was or comes near to the end of its travel.
+    pub fn shifted(
+        &self,
+        followed: &Followed,
+        points: &[RunPoint],
+        from: Stance,
+        to: Stance,
+    ) -> Option<Followed> {
+        let by_mm = (to.shift_mm - from.shift_mm).abs();
+        if followed.room_mm <= by_mm + 1e-6 {
+            return None;
+        }
+        let turns = 3..3 + self.limits.len();
+        let pieces = followed.pieces.iter().map(|piece| DrivenRun {
+            from: piece.from,
+            axes: (piece.axes.iter().zip(&points[piece.from..]))
+                .map(|(axes, point)| self.with_carriage(&axes[turns.clone()], point, to))
+                .collect(),
+        });
+        Some(Followed {
+            pieces: pieces.collect(),
+            unreached: followed.unreached,
+            room_mm: followed.room_mm - by_mm,
+        })
     }
 
     /// From the surface to the sensor's origin.
@@ -319,7 +384,7 @@ impl<'a> Driver<'a> {
     }
 
     /// Candidates at a point: angles that keep the tilt and the limits.
-    fn states(&self, point: &RunPoint, stance: Stance) -> Vec<State> {
+    fn states(&self, point: &RunPoint, stance: Stance, room_mm: &mut f64) -> Vec<State> {
         let across = point.along.cross(&point.normal);
         let lean = point.along * stance.lean_along_deg.to_radians().tan()
             + across * stance.lean_across_deg.to_radians().tan();
@@ -329,7 +394,8 @@ impl<'a> Driver<'a> {
         let mut angles_found: Vec<Vec<f64>> = Vec::new();
         let count = self.limits.len();
         if !self.spindle && self.aiming.len() > 2 {
-            // Three rotations hold beam and line exactly.
+            // Three rotations hold beam and line exactly. What is beyond the travel is not among them.
+            *room_mm = 0.0;
             if let Ok(reached) =
                 self.machine
                     .inverse(&(point.at - beam * self.off(stance)), &beam, Some(&line))
@@ -360,21 +426,31 @@ impl<'a> Driver<'a> {
                         + stance.lean_along_deg.abs()
                         + stance.lean_across_deg.abs()
                         + 0.01;
-                    let mut add = |b: f64| {
-                        let v = turned(&inner.direction, b, &u);
-                        // However the outer axis turns, the beam stays off by this much.
-                        let off = outer.direction.dot(&v).clamp(-1.0, 1.0).acos() - at_sensor;
-                        if off.abs().to_degrees() > room {
+                    // However the outer axis turns, the beam stays off by what its angle to that axis is off by.
+                    let within = |deg: f64| deg.to_radians().clamp(0.0, std::f64::consts::PI).cos();
+                    let least = within(at_sensor.to_degrees() + room);
+                    let most = within(at_sensor.to_degrees() - room);
+                    let (on_axis, off_axis) = {
+                        let on = inner.direction * inner.direction.dot(&u);
+                        (on, u - on)
+                    };
+                    let aside = inner.direction.cross(&u);
+                    let [still, by_cos, by_sin] =
+                        [on_axis, off_axis, aside].map(|part| outer.direction.dot(&part));
+                    let mut add = |b: RasterAngle| {
+                        let along_outer = still + by_cos * b.cos + by_sin * b.sin;
+                        if along_outer < least - 1e-12 || along_outer > most + 1e-12 {
                             return;
                         }
+                        let v = on_axis + off_axis * b.cos + aside * b.sin;
                         let a = best_about(&outer.direction, &v, &w).unwrap_or(0.0);
                         let mut angles = vec![0.0; count];
                         // At its limit the beam may still be within the tilt.
                         angles[*first] = within_or_limit(a, outer.limits_deg);
-                        angles[*second] = b;
+                        angles[*second] = b.deg;
                         angles_found.push(angles);
                     };
-                    self.each_angle(inner, &mut add);
+                    self.raster.iter().copied().for_each(&mut add);
                     let exact = branches::aim(
                         &[outer.clone(), inner.clone()],
                         &Aim {
@@ -383,7 +459,7 @@ impl<'a> Driver<'a> {
                         },
                     );
                     for set in exact.branches {
-                        add(set[1]);
+                        add(RasterAngle::of(set[1]));
                     }
                 }
             }
@@ -391,7 +467,7 @@ impl<'a> Driver<'a> {
         let mut states = Vec::new();
         for mut angles in angles_found {
             // Whole turns point the same way and cost the same.
-            if let Some(cost) = self.complete(&mut angles, point, stance, &beam, &line) {
+            if let Some(cost) = self.complete(&mut angles, point, stance, [&beam, &line], room_mm) {
                 self.whole_turns(angles, |angles| {
                     states.push(State {
                         angles,
@@ -463,8 +539,8 @@ impl<'a> Driver<'a> {
         angles: &mut [f64],
         point: &RunPoint,
         stance: Stance,
-        wanted: &Vector3<f64>,
-        line: &Vector3<f64>,
+        [wanted, line]: [&Vector3<f64>; 2],
+        room_mm: &mut f64,
     ) -> Option<f64> {
         let stand = self.machine.stand(angles);
         let (beam, zero_line) = (stand.beam(), stand.line());
@@ -499,11 +575,16 @@ impl<'a> Driver<'a> {
         } else {
             stand.carriage(&(point.at - beam * self.off(stance)))
         };
-        let inside = x
-            .iter()
-            .zip(&self.machine.travel_mm)
-            .all(|(v, [low, high])| v >= low && v <= high);
-        inside.then_some(cost)
+        let room = self.room_mm(x.as_slice());
+        *room_mm = room_mm.min(room);
+        (room >= 0.0).then_some(cost)
+    }
+
+    /// How far X Y Z are from the ends of their travel; negative: beyond.
+    fn room_mm(&self, axes: &[f64]) -> f64 {
+        let each = axes.iter().zip(&self.machine.travel_mm);
+        each.map(|(v, [low, high])| (v - low).min(high - v))
+            .fold(f64::INFINITY, f64::min)
     }
 
     /// What a step from one set of angles to another costs; none beyond the largest turn.
@@ -552,7 +633,7 @@ impl<'a> Driver<'a> {
     /// Ends a piece: goes back along the cheapest way, smooths it, and brings the spindle within its limits.
     fn close(
         &self,
-        pieces: &mut Vec<DrivenRun>,
+        followed: &mut Followed,
         from: usize,
         open: &mut Vec<Vec<State>>,
         points: &[RunPoint],
@@ -571,7 +652,8 @@ impl<'a> Driver<'a> {
         }
         rows.reverse();
         self.unwind(&mut rows);
-        self.smooth_within_limits(&mut rows, &points[from..], stance);
+        let room = self.smooth_within_limits(&mut rows, &points[from..], stance);
+        followed.room_mm = followed.room_mm.min(room);
         let mut start = 0;
         while start < rows.len() {
             let length = self.within_spindle(&mut rows[start..]);
@@ -580,7 +662,7 @@ impl<'a> Driver<'a> {
                 .zip(&points[from + start..])
                 .map(|(angles, point)| self.with_carriage(angles, point, stance))
                 .collect();
-            pieces.push(DrivenRun {
+            followed.pieces.push(DrivenRun {
                 from: from + start,
                 axes,
             });
@@ -644,17 +726,21 @@ impl<'a> Driver<'a> {
     ///
     /// Smoothing moves the beam, and the line is laid across the way again behind it: where that turns fast, as on a
     /// fillet that is gone along askew, the spindle's steps can grow beyond those that the search has kept. And where the
-    /// beam leans otherwise, X Y Z stand elsewhere.
+    /// beam leans otherwise, X Y Z stand elsewhere. How far they stayed from the ends of their travel.
     pub(super) fn smooth_within_limits(
         &self,
         rows: &mut Vec<Vec<f64>>,
         points: &[RunPoint],
         stance: Stance,
-    ) {
-        let travels = |(angles, point): (&Vec<f64>, &RunPoint)| {
-            let axes = self.with_carriage(angles, point, stance);
-            self.machine.within_limits(&axes[..3])
+    ) -> f64 {
+        let room_mm = |rows: &[Vec<f64>]| {
+            let each = rows.iter().zip(points);
+            each.map(|(angles, point)| {
+                self.room_mm(&self.with_carriage(angles, point, stance)[..3])
+            })
+            .fold(f64::INFINITY, f64::min)
         };
+        let mut least = f64::INFINITY;
         for rounds in [30, 10, 3] {
             let mut tried = rows.clone();
             self.smooth(&mut tried, points, rounds);
@@ -663,11 +749,17 @@ impl<'a> Driver<'a> {
                     .zip(&w[1])
                     .all(|(a, b)| (b - a).abs() <= self.turn_deg + 1e-9)
             });
-            if kept && tried.iter().zip(points).all(travels) {
-                *rows = tried;
-                return;
+            if kept {
+                let room = room_mm(&tried);
+                least = least.min(room);
+                // By a billionth, as the machine's limits are kept.
+                if room >= -1e-9 {
+                    *rows = tried;
+                    break;
+                }
             }
         }
+        least
     }
 
     /// Takes the steps of the candidates' raster out: each angle moves towards its neighbours' mean where that costs less.

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::super::course::{LaserRun, RunPoint};
 use super::super::machine::SensorPose;
 use super::super::spec::ScanSpec;
-use super::axes::{DrivenRun, Driver, LOOK_EVERY, Stance, Unreached, angle_deg, rounded};
+use super::axes::{DrivenRun, Driver, Followed, LOOK_EVERY, Stance, angle_deg, rounded};
 use super::touch::Scenery;
 
 /// A pass: axis values in the order driven, laser on.
@@ -92,7 +92,7 @@ impl Realiser<'_> {
         &self,
         run: &LaserRun,
         line_askew_deg: f64,
-        plain: (Vec<DrivenRun>, Unreached),
+        plain: Followed,
         obstructed: &mut Obstructed,
     ) -> Vec<Pass> {
         let mut plain = Some(plain);
@@ -101,15 +101,28 @@ impl Realiser<'_> {
         let mut collided = false;
         let senses = if self.driver.line_has_sense() { 2 } else { 1 };
         let leant = 5 * senses;
-        for (number, mut stance) in self.stances(senses).into_iter().enumerate() {
-            stance.line_askew_deg = line_askew_deg;
+        let stances = self.stances(senses, line_askew_deg);
+        // What each lean says at the reference distance.
+        let mut unshifted: Vec<Followed> = Vec::new();
+        for (number, stance) in stances.iter().copied().enumerate() {
             if !self.driver.more() {
                 return Vec::new();
             }
+            let nearby = number % leant;
+            let shifted = unshifted
+                .get(nearby)
+                .and_then(|f| self.driver.shifted(f, points, stances[nearby], stance));
             // The plain stance comes first.
-            let (pieces, unreached) = plain
+            let followed = plain
                 .take()
+                .or(shifted)
                 .unwrap_or_else(|| self.driver.follow(points, stance));
+            if number < leant {
+                unshifted.push(followed.clone());
+            }
+            let Followed {
+                pieces, unreached, ..
+            } = followed;
             if pieces.is_empty() && number == 0 {
                 // Leaning widens nothing: the allowed tilt is the same for all stances.
                 obstructed.axis_limit.extend(points.iter().map(|p| p.at));
@@ -275,7 +288,7 @@ impl Realiser<'_> {
     }
 
     /// Every lean, with the line in one or both senses; then the other distances that are allowed, plain and leant.
-    fn stances(&self, senses: usize) -> Vec<Stance> {
+    fn stances(&self, senses: usize, line_askew_deg: f64) -> Vec<Stance> {
         let allowed = self.spec.plan.max_tilt_deg;
         let lean = (allowed - 1.5).max(allowed * 0.5);
         let sensor = &self.spec.sensor;
@@ -304,7 +317,7 @@ impl Realiser<'_> {
                     lean_along_deg: along,
                     lean_across_deg: across,
                     shift_mm,
-                    line_askew_deg: 0.0,
+                    line_askew_deg,
                 });
             }
         }

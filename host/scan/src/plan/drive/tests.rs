@@ -88,3 +88,49 @@ fn smoothing_that_leaves_the_travel_is_not_taken() {
         "{kept:?} {before:?}"
     );
 }
+
+/// A sensor that stands nearer or further off has the same angles, so that they are not sought again; where the travel may
+/// end before, they are.
+#[test]
+fn another_distance_has_the_same_angles() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/reference/plan");
+    let mut spec = ScanSpec::open(&folder.join("step_wavy.toml")).unwrap();
+    let points: Vec<RunPoint> = (0..40)
+        .map(|k| {
+            let (sin, cos) = (f64::from(k) / 20.0).sin_cos();
+            RunPoint {
+                at: Vector3::new(30.0 * sin, 0.0, 30.0 * cos),
+                normal: Vector3::new(sin, 0.0, cos),
+                along: Vector3::new(cos, 0.0, -sin),
+            }
+        })
+        .collect();
+    let near = Stance {
+        lean_across_deg: 4.0,
+        ..Stance::default()
+    };
+    let mut least = f64::INFINITY;
+    for shift_mm in [0.9, -0.9] {
+        let far = Stance { shift_mm, ..near };
+        let driver = Driver::new(&spec);
+        let followed = driver.follow(&points, near);
+        let again = driver.follow(&points, far);
+        let shifted = driver.shifted(&followed, &points, near, far).unwrap();
+        assert!(!again.pieces.is_empty());
+        assert_eq!(shifted.pieces.len(), again.pieces.len());
+        for (one, other) in shifted.pieces.iter().zip(&again.pieces) {
+            assert_eq!((one.from, &one.axes), (other.from, &other.axes));
+            let z = one.axes.iter().map(|axes| axes[2]);
+            least = z.fold(least, f64::min);
+        }
+    }
+    // So that the nearer one is beyond the travel.
+    spec.machine.travel_mm[2][0] = least + 0.5;
+    let driver = Driver::new(&spec);
+    let far = Stance {
+        shift_mm: -0.9,
+        ..near
+    };
+    let followed = driver.follow(&points, near);
+    assert!(driver.shifted(&followed, &points, near, far).is_none());
+}

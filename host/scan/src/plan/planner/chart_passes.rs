@@ -353,7 +353,7 @@ pub fn line_passes(
     let follow = |points: &[_]| shop.realiser.driver.follow(points, stance);
     let mut driven = follow(&best.points);
     for _ in 0..FINER_RUNS {
-        if driven.1.breaks == 0 || best.points.len() > 10_000 {
+        if driven.unreached.breaks == 0 || best.points.len() > 10_000 {
             break;
         }
         // As much shorter as the normals turn too far from point to point; half as long at least.
@@ -363,13 +363,13 @@ pub fn line_passes(
             break;
         };
         let closer = follow(&finer.points);
-        if turn <= 1.0 && closer.1.breaks >= driven.1.breaks {
+        if turn <= 1.0 && closer.unreached.breaks >= driven.unreached.breaks {
             // The axes jump there however close the points are.
             break;
         }
         (best, driven) = (finer, closer);
     }
-    obstructed.breaks += driven.1.breaks;
+    obstructed.breaks += driven.unreached.breaks;
     shop.realiser
         .passes(&best, line_askew_deg, driven, obstructed)
 }

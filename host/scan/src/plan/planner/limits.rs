@@ -131,7 +131,7 @@ pub(super) fn worth_another(spec: &ScanSpec, found: &Result<ScanPlan, ScanError>
             // A part narrower than the line has no bound by its area.
             let narrow = figures.passes < 3;
             let long = figures.scan_length_mm > GOOD_RATIO * bound && !narrow;
-            long || plan.refusal.is_some()
+            !plan.beyond_limits && (long || plan.refusal.is_some())
         }
         Err(error) => matches!(
             error.code,

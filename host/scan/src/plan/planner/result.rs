@@ -14,7 +14,7 @@ use super::super::proof::samples::{SamplePoint, sample_count, samples};
 use super::super::proof::see::see;
 use super::super::spec::ScanSpec;
 use super::super::verify::findings;
-use super::unseen::{Uncovered, reasons};
+use super::unseen::{AXIS_LIMIT, Uncovered, reasons};
 use super::{PlanOptions, Workshop};
 use crate::ScanError;
 
@@ -79,6 +79,9 @@ pub struct ScanPlan {
     pub area_mm2: f64,
     /// Why it is no plan where none may be partial.
     pub refusal: Option<ScanError>,
+    /// It is refused, and clearly more than may go unseen lies where no pose within the limits would see it: no other try
+    /// mends that.
+    pub beyond_limits: bool,
     /// The charts' triangles in the plane, with the length there of a millimetre on the surface.
     pub flat: Vec<Vec<FlatTriangle>>,
 }
@@ -100,6 +103,9 @@ const ON_THE_SPOT_MM: f64 = 1e-6;
 
 /// A part of less than this share of the line is more likely one of another unit.
 const FAR_TOO_SMALL: f64 = 0.3;
+
+/// What no pose within the limits sees is known from a raster of poses: so much of what may go unseen, and of all, on top.
+const SURELY: [f64; 2] = [1.5, 0.01];
 
 /// The clearance is told up to this.
 const MOST_CLEARANCE_MM: f64 = 100.0;
@@ -213,13 +219,20 @@ pub fn proved(
             figures.clearance_mm
         )));
     }
+    let area_mm2 = shop.part.surface.area_mm2();
+    let beyond = figures.uncovered.iter().find(|u| u.reason == AXIS_LIMIT);
+    let beyond = beyond.map_or(0.0, |u| u.area_mm2) / area_mm2;
+    let beyond_limits = refusal.is_some()
+        && !options.allow_partial
+        && beyond > SURELY[0] * (1.0 - wanted) + SURELY[1];
     let sights = seen.sights.iter().map(Vec::len);
     Ok(ScanPlan {
         rows,
         figures,
         seen: shop.samples.iter().copied().zip(sights).collect(),
-        area_mm2: shop.part.surface.area_mm2(),
+        area_mm2,
         refusal,
+        beyond_limits,
         flat: Vec::new(),
     })
 }
@@ -243,9 +256,9 @@ fn unreachable(
             u.area_mm2
         );
     }
-    let limits = coverage == 0.0 && uncovered.iter().all(|u| u.reason == "axis_limit");
+    let limits = coverage == 0.0 && uncovered.iter().all(|u| u.reason == AXIS_LIMIT);
     let code = if limits {
-        "axis_limit"
+        AXIS_LIMIT
     } else {
         COVERAGE_UNREACHABLE
     };

@@ -76,7 +76,7 @@ pub(super) fn best(
 /// Is there nothing that a slanted line could mend?
 fn sees_enough(spec: &ScanSpec, found: &Result<ScanPlan, ScanError>) -> bool {
     match found {
-        Ok(plan) => plan.figures.coverage >= spec.plan.min_coverage,
+        Ok(plan) => plan.figures.coverage >= spec.plan.min_coverage || plan.beyond_limits,
         Err(error) => error.code != COVERAGE_UNREACHABLE,
     }
 }

@@ -20,6 +20,9 @@ pub struct Uncovered {
     pub area_mm2: f64,
 }
 
+/// The reason of what no pose within the limits would see.
+pub(super) const AXIS_LIMIT: &str = "axis_limit";
+
 /// Points that the middle ray may meet: one of so many samples, besides the one that is asked for.
 const MET: usize = 4;
 
@@ -94,7 +97,7 @@ pub fn reasons(
         "incidence",
         "range",
         "collision",
-        "axis_limit",
+        AXIS_LIMIT,
         "unreached",
     ];
     let per_sample = shop.part.surface.area_mm2() / shop.samples.len() as f64;
