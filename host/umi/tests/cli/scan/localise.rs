@@ -60,7 +60,7 @@ fn answered(id: &str) -> (Value, Value) {
 }
 
 /// A transform says from which coordinates into which it leads: of a scanner, of a part by
-/// fiducials, and of a part in a scan, whose coordinates somebody says.
+/// fiducials, and of a part in a scan, whose coordinates somebody says; and how well it is known.
 #[test]
 fn a_pose_says_whose_coordinates_it_leads_to() {
     let folder = Folder::new();
@@ -69,8 +69,13 @@ fn a_pose_says_whose_coordinates_it_leads_to() {
         let case = case(id);
         let args = case["args"].as_array().unwrap().iter();
         let args: Vec<&str> = args.map(|arg| arg.as_str().unwrap()).collect();
-        run(&[&args[..], &["-o", &out, "--force"], more].concat()).exits(0);
+        let said = run(&[&args[..], &["-o", &out, "--force"], more].concat())
+            .exits(0)
+            .json();
         let written: Value = serde_json::from_str(&std::fs::read_to_string(&out).unwrap()).unwrap();
+        // So that `umi correction` and `umi nc rewrite` can hold it where the part ends.
+        assert!(written["cov"][5][5].as_f64().unwrap() > 0.0);
+        assert_eq!(written["cov"], said["cov"]);
         [written["from"].clone(), written["to"].clone()]
     };
     assert_eq!(leads("optimum_balls", &[]), ["scanner", "machine"]);

@@ -72,8 +72,8 @@ pub(crate) struct Localise {
     /// are read (PLY; other formats must fit); no file is made for it
     #[arg(long, value_name = "N", default_value_t = 4096, value_parser = clap::value_parser!(u64).range(64..=1_000_000))]
     memory_mb: u64,
-    /// Write the transform for `umi correction` and `umi nc rewrite`; by one that is NG they move
-    /// nothing
+    /// Write the transform for `umi correction` and `umi nc rewrite`; by one that is NG, or not known to
+    /// their --limit as far out as part or program reach, they move nothing
     #[arg(short, long, value_name = "T.json")]
     output: Option<PathBuf>,
     #[command(flatten)]
@@ -201,6 +201,7 @@ impl Localise {
         let placed = Placed {
             motion: &located.motion,
             frames: self.frames(),
+            certainty: Some(&located.certainty),
             reasons: &located.reasons,
         };
         placed.answer(

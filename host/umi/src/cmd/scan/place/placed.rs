@@ -19,6 +19,8 @@ pub(crate) struct Placed<'a> {
     pub motion: &'a Pose,
     /// Whose coordinates it carries into whose.
     pub frames: FromTo,
+    /// How well it is known, where that is said.
+    pub certainty: Option<&'a Certainty>,
     /// None: the verdict is OK.
     pub reasons: &'a [ScanError],
 }
@@ -43,7 +45,9 @@ impl Placed<'_> {
         text: impl FnOnce() -> String,
     ) -> Result<(), Failure> {
         if let Some(path) = output {
-            transform::write(path, self.motion, self.frames, self.verdict()).map_err(failure)?;
+            let (motion, verdict) = (self.motion, self.verdict());
+            transform::write(path, motion, self.frames, verdict, self.certainty)
+                .map_err(failure)?;
         }
         if json {
             print_json(&machine())?;

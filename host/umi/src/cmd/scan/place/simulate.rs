@@ -131,7 +131,7 @@ impl Simulate {
             translation_mm: placed.translation_mm,
         };
         if let Some(path) = &self.pose {
-            transform::write(path, &pose, transform::FromTo::SCANNER, "OK")?;
+            transform::write(path, &pose, transform::FromTo::SCANNER, "OK", None)?;
         }
         let mut map = transform::fields(&pose);
         map.insert("kind".into(), "simulate".into());

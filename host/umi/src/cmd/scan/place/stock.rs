@@ -147,6 +147,7 @@ impl Stock {
         let placed = Placed {
             motion: &answer.found.motion,
             frames: self.frame.of_part(),
+            certainty: None,
             reasons: &answer.found.reasons,
         };
         placed.answer(

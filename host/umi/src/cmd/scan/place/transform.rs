@@ -5,6 +5,7 @@ use std::path::Path;
 use clap::{Args, ValueEnum};
 use serde_json::{Map, Value, json};
 use umi_scan::ScanError;
+use umi_scan::localise::Certainty;
 use umi_scan::rigid::{Pose, pose_of_rows, rows};
 
 /// Reads `{"rotation": [[…], […], […]], "translation_mm": […]}`.
@@ -101,11 +102,22 @@ impl ScanFrame {
 }
 
 /// Writes the transform for `umi correction --transform` and `umi nc rewrite --transform`, which
-/// take none whose verdict is NG, and none of which nobody says whose coordinates it leads to.
-pub fn write(path: &Path, motion: &Pose, frames: FromTo, verdict: &str) -> Result<(), ScanError> {
+/// take none whose verdict is NG, and none of which nobody says whose coordinates it leads to. What its covariance
+/// says is held there where the part or the program ends.
+pub fn write(
+    path: &Path,
+    motion: &Pose,
+    frames: FromTo,
+    verdict: &str,
+    certainty: Option<&Certainty>,
+) -> Result<(), ScanError> {
     let mut map = fields(motion);
     frames.put(&mut map);
     map.insert("verdict".into(), verdict.into());
+    let known = |c: &&Certainty| c.cov.iter().all(|x| x.is_finite());
+    if let Some(certainty) = certainty.filter(known) {
+        map.insert("cov".into(), json!(rows(&certainty.cov)));
+    }
     std::fs::write(path, format!("{}\n", Value::Object(map)))
         .map_err(|error| ScanError::file("write", path, &error))
 }

@@ -1,0 +1,100 @@
+//! The steps of the candidates' raster are taken out.
+
+use super::super::super::course::RunPoint;
+use super::{Driver, Stance, angle_deg};
+
+impl Driver<'_> {
+    /// Smooths as much as the largest turn and the travel allow.
+    ///
+    /// Smoothing moves the beam, and the line is laid across the way again behind it: where that turns fast, as on a
+    /// fillet that is gone along askew, the spindle's steps can grow beyond those that the search has kept. And where the
+    /// beam leans otherwise, X Y Z stand elsewhere. How far they stayed from the ends of their travel.
+    pub(in crate::plan::drive) fn smooth_within_limits(
+        &self,
+        rows: &mut Vec<Vec<f64>>,
+        points: &[RunPoint],
+        stance: Stance,
+    ) -> f64 {
+        let room_mm = |rows: &[Vec<f64>]| {
+            let each = rows.iter().zip(points);
+            each.map(|(angles, point)| {
+                self.room_mm(&self.with_carriage(angles, point, stance)[..3])
+            })
+            .fold(f64::INFINITY, f64::min)
+        };
+        let mut least = f64::INFINITY;
+        for rounds in [30, 10, 3] {
+            let mut tried = rows.clone();
+            self.smooth(&mut tried, points, rounds);
+            let kept = tried.windows(2).all(|w| {
+                w[0].iter()
+                    .zip(&w[1])
+                    .all(|(a, b)| (b - a).abs() <= self.turn_deg + 1e-9)
+            });
+            if kept {
+                let room = room_mm(&tried);
+                least = least.min(room);
+                // By a billionth, as the machine's limits are kept.
+                if room >= -1e-9 {
+                    *rows = tried;
+                    break;
+                }
+            }
+        }
+        least
+    }
+
+    /// Takes the steps of the candidates' raster out: each angle moves towards its neighbours' mean where that costs less.
+    fn smooth(&self, rows: &mut [Vec<f64>], points: &[RunPoint], rounds: usize) {
+        if self.aiming.is_empty() || (!self.spindle && self.aiming.len() > 2) || rows.len() < 3 {
+            return;
+        }
+        let tilt = |angles: &[f64], k: usize| {
+            angle_deg(&self.machine.pointing(angles).0, &-points[k].normal)
+        };
+        let rough = rows.windows(3).any(|w| {
+            self.aiming
+                .iter()
+                .any(|(p, _)| (w[0][*p] - 2.0 * w[1][*p] + w[2][*p]).abs() > 0.8)
+        });
+        if !rough {
+            return;
+        }
+        for _ in 0..rounds {
+            for k in 0..rows.len() {
+                for (p, turn) in &self.aiming {
+                    let mean = match (k.checked_sub(1), k + 1 < rows.len()) {
+                        (Some(b), true) => (rows[b][*p] + rows[k + 1][*p]) / 2.0,
+                        _ => continue,
+                    };
+                    let mut tried = rows[k].clone();
+                    tried[*p] = (rows[k][*p] + 0.5 * (mean - rows[k][*p]))
+                        .clamp(turn.limits_deg[0], turn.limits_deg[1]);
+                    if tilt(&tried, k) <= self.tilt_deg {
+                        rows[k] = tried;
+                    }
+                }
+            }
+        }
+        if !self.spindle {
+            return;
+        }
+        // The line again, which follows from the beam's angles.
+        let s = self.machine.turns();
+        for (row, point) in rows.iter_mut().zip(points) {
+            let held = row[s];
+            let (beam, line_held) = self.machine.pointing(row);
+            let square = point.along.cross(&beam);
+            if let Some(square) = square.try_normalize(1e-9) {
+                let square = square * square.dot(&line_held).signum();
+                let about = beam * self.machine.mounted().0.z.signum();
+                row[s] = held
+                    + square
+                        .dot(&about.cross(&line_held))
+                        .atan2(square.dot(&line_held))
+                        .to_degrees();
+            }
+        }
+        self.unwind(rows);
+    }
+}
