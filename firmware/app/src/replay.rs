@@ -8,6 +8,7 @@ use umi_protocol::fault::{Fault, FaultCode};
 use umi_protocol::message::{MAX_RECORD, Record, TeachBy, TeachWhat};
 use umi_protocol::schema::max_len;
 
+use crate::measure::patience_us;
 use crate::measure::settings::{kept, points};
 
 /// Replays a journal, record by record in its order.
@@ -25,6 +26,8 @@ pub struct Replay {
     latest: Option<Fault>,
     /// What came behind the latest verdict takes it back.
     taken_back: bool,
+    /// When it is too old for what it released, if it is OK.
+    until: Option<Micros>,
 }
 
 /// Room for the decisions that one input can lead to: a chunk of 256 bytes ends at
@@ -82,12 +85,13 @@ impl Replay {
             counted: 0,
             latest: None,
             taken_back: false,
+            until: None,
         }
     }
 
     /// What came behind the latest verdict takes it back, as
     /// [`crate::measure::Instrument::input`] does: a line that says something, a touch, bytes that
-    /// were lost, teaching.
+    /// were lost, teaching; or it is older than the job allows (`plate_timeout_s`).
     #[must_use]
     pub const fn taken_back(&self) -> bool {
         self.taken_back
@@ -110,6 +114,10 @@ impl Replay {
         record: &Record,
         scratch: &mut [u8; MAX_RECORD],
     ) -> Result<(), Difference> {
+        if self.until.is_some_and(|until| now >= until) {
+            self.until = None;
+            self.taken_back = true;
+        }
         match record {
             Record::Fault(_) | Record::Feature(_) | Record::Verdict(_) | Record::Taught { .. } => {
                 if self.counted > 0 {
@@ -121,8 +129,13 @@ impl Replay {
                     self.fault = Some(fault.code());
                 }
                 let compared = self.compare(record, scratch);
-                if matches!(record, Record::Verdict(_)) && compared == Err(Difference::NotReached) {
-                    self.taken_back = false;
+                if let Record::Verdict(verdict) = record {
+                    if compared == Err(Difference::NotReached) {
+                        self.taken_back = false;
+                    }
+                    let job = self.brain.as_ref().and_then(Brain::job);
+                    let patience = job.filter(|_| verdict.ok).map(patience_us);
+                    self.until = patience.map(|us| Micros(now.0.saturating_add(us)));
                 }
                 compared
             }
@@ -166,6 +179,8 @@ impl Replay {
                 // The power may have gone between an input and its decisions.
                 self.interrupted();
                 self.brain = None;
+                // The clock begins anew, and what was released is none any more.
+                self.taken_back |= self.until.take().is_some();
                 Ok(())
             }
             Record::JobSet { job, .. } => {

@@ -244,6 +244,23 @@ pub struct Lessons {
     pub tool_length_mm: Option<f64>,
     /// The feed of its hits; 0 where their lines do not say it.
     pub feed_mm_per_min: f64,
+    /// The control's line that taught the first one, if it was one.
+    pub line: TeachLine,
+    /// The run that it said.
+    pub line_run: u32,
+}
+
+/// A line of the control that asks to teach.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+pub enum TeachLine {
+    /// None: a host or the button asked, or nobody.
+    #[default]
+    None,
+    /// `T1.`
+    First,
+    /// `T2.`: also in place of the reference that there is.
+    Again,
 }
 
 impl Lessons {
@@ -254,6 +271,8 @@ impl Lessons {
         further: 0,
         tool_length_mm: None,
         feed_mm_per_min: 0.0,
+        line: TeachLine::None,
+        line_run: 0,
     };
 
     /// The smallest and the largest of a feature, by its place in the job.

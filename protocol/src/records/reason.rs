@@ -660,9 +660,9 @@ pub enum Reason {
     )]
     ShiftUnknown,
     /// A line asks to teach, and one taught the setup before: which of the two is meant is not
-    /// known, and neither is the reference.
+    /// known. Where a job is taught by asking alone, neither is the reference any more.
     #[error(
-        "a line taught the setup before as well, so which of the two is meant is not known, and nothing is taught now: take `T1.` or `T2.` out of the program if it was left there; probe once without it, then teach again, or ask at the host (`umi teach`)"
+        "a line taught the setup before as well, so which of the two is meant is not known: take `T1.` or `T2.` out of the program if it was left there; probe once without it, then teach again, or ask at the host (`umi teach`)"
     )]
     TaughtTwice,
     /// A datum feature was not probed between the closing one and the one that it repeats: what

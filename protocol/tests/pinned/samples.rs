@@ -16,7 +16,7 @@ use umi_protocol::job::name;
 use umi_protocol::job::{
     AgainSpec, Approach, Closing, Compensation, CorrectionSpec, Dialect, FeatureKind, FeatureSpec,
     Guards, Job, Learned, LearnedLimits, Lessons, Limits, ProbingSpec, ProgramEnd, Reference,
-    SendWhen, SkipSpec, Teach, WarmthSpec, WitnessSpec, WorkOffset,
+    SendWhen, SkipSpec, Teach, TeachLine, WarmthSpec, WitnessSpec, WorkOffset,
 };
 use umi_protocol::job_error::{Field, JobError};
 use umi_protocol::latch::{
@@ -490,6 +490,8 @@ fn lessons() -> Lessons {
         further: 2,
         tool_length_mm: Some(81.5),
         feed_mm_per_min: 50.0,
+        line: TeachLine::Again,
+        line_run: 7,
     }
 }
 

@@ -450,7 +450,7 @@ fn is_untouched(brain: &Brain) -> bool {
 }
 
 /// How long a correction stays armed, and a setup open.
-fn patience_us(job: &Job) -> u64 {
+pub(crate) fn patience_us(job: &Job) -> u64 {
     u64::from(job.plate_timeout_s).saturating_mul(1_000_000)
 }
 

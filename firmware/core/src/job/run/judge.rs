@@ -2,12 +2,12 @@
 
 use nalgebra::Vector3;
 use umi_protocol::feature::FitReport;
-use umi_protocol::job::{Closing, FeatureSpec, Job, Lessons, Name, Teach};
+use umi_protocol::job::{Closing, FeatureSpec, Job, Lessons, Name, Teach, TeachLine};
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::Verdict;
 
 use super::step::{MOST_STEP_MM, Steps};
-use super::teach::{Lesson, TeachLine, TeachingAct};
+use super::teach::{Lesson, TeachingAct};
 use super::{Decision, Progress, Run, Teaching};
 use crate::job::check::{closing, datums, fixed, moves_something, not_guarded, place_count};
 use crate::job::scatter::Scatter;
@@ -56,8 +56,14 @@ impl Run {
             });
         }
         if taught {
-            self.taught_by = self.asked.line();
-        } else if !self.against.contains(&Reason::TaughtTwice) {
+            let was_asked = self.teaching == TeachingAct::This(Lesson::Reference);
+            self.taught_by = match was_asked {
+                true => self.asked.line(),
+                false => TeachLine::None,
+            };
+        } else if (verdict.ok || self.reference.is_none())
+            && !self.against.contains(&Reason::TaughtTwice)
+        {
             self.taught_by = TeachLine::None;
         }
         let widens = self.widens(&verdict);
@@ -67,6 +73,8 @@ impl Run {
             self.learned.smallest = self.shown();
             self.learned.tool_length_mm = self.moved.get().map(|moved| moved.tool_length_mm);
             self.learned.feed_mm_per_min = self.feed_mm_per_min;
+            self.learned.line = self.taught_by;
+            self.learned.line_run = self.run.unwrap_or(0);
             let learned = &self.learned;
             let places = &measured;
             out(Decision::Taught(Teaching { places, learned }));

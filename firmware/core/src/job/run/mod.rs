@@ -31,7 +31,7 @@ mod told;
 
 use heapless::Vec;
 use umi_protocol::feature::FeatureResult;
-use umi_protocol::job::{FeatureSpec, Job, Lessons, MAX_FEATURES, Name, Reference};
+use umi_protocol::job::{FeatureSpec, Job, Lessons, MAX_FEATURES, Name, Reference, TeachLine};
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::Verdict;
 
@@ -45,7 +45,7 @@ use crate::units::{Micros, Point};
 use crate::zero_option::ZeroOption;
 use arrivals::Slot;
 pub use step::is_coarse;
-use teach::{Asked, TeachLine, TeachingAct};
+use teach::{Asked, TeachingAct};
 use told::Frame;
 
 /// What the job decides.
@@ -89,7 +89,8 @@ pub struct Run {
     teaching: TeachingAct,
     /// Who asked to teach, and when: means nothing where nobody has.
     asked: Asked,
-    /// By which line the setup before was taught, or refused for saying so again.
+    /// By which line the reference was taught that nothing was measured by since, or the setup
+    /// before was refused for saying so again.
     taught_by: TeachLine,
     /// The latest result of each feature, and whether it belongs to this setup.
     slots: Vec<Slot, MAX_FEATURES>,

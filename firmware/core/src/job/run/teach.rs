@@ -1,7 +1,7 @@
 //! Teaching: who asked for it, what a setup teaches, and what was taught.
 
 use heapless::Vec;
-use umi_protocol::job::{Learned, Lessons, MAX_FEATURES, Reference};
+use umi_protocol::job::{Learned, Lessons, MAX_FEATURES, Reference, Teach, TeachLine};
 use umi_protocol::message::{TeachBy, TeachPending, TeachRefusal, TeachSetup, TeachWhat};
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::Verdict;
@@ -44,29 +44,6 @@ impl Asked {
             (TeachBy::Line, true) => TeachLine::Again,
             (TeachBy::Line, false) => TeachLine::First,
             _ => TeachLine::None,
-        }
-    }
-}
-
-/// The line by which a setup is taught.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum TeachLine {
-    /// None: somebody else asked, or nothing was taught.
-    None,
-    /// `T1.`
-    First,
-    /// `T2.`: also in place of what there is.
-    Again,
-}
-
-impl TeachLine {
-    /// Whether it is not known which of the two setups is meant, where another line teaches behind
-    /// this one. Only `T2.` behind `T1.` says it: the new one.
-    pub(super) fn leaves_in_doubt(self, then_again: bool) -> bool {
-        match self {
-            Self::None => false,
-            Self::First => !then_again,
-            Self::Again => true,
         }
     }
 }
@@ -126,6 +103,22 @@ impl Run {
         Ok(())
     }
 
+    /// Whether a line leaves it in doubt which setup is meant, this one or the one before: that was
+    /// taught by a line, too, and may be an old text that came late. `T2.` behind `T1.` says it: this
+    /// one. A job that is taught by its first setup has no more protection than that `T2.` does not
+    /// teach each.
+    pub(super) fn doubts(&self, line: TeachLine) -> bool {
+        match self.taught_by {
+            TeachLine::None => false,
+            TeachLine::First => line == TeachLine::First && self.is_taught_by_asking(),
+            TeachLine::Again => line == TeachLine::Again || self.is_taught_by_asking(),
+        }
+    }
+
+    pub(super) fn is_taught_by_asking(&self) -> bool {
+        self.job.get().is_some_and(|job| job.teach == Teach::Asked)
+    }
+
     /// What was taught is the reference no more.
     pub(super) fn forget(&mut self, out: &mut impl FnMut(Decision<'_>)) {
         if self.reference.take().is_some() {
@@ -183,6 +176,10 @@ impl Run {
         if self.reference_is_taught() && due == Some(taught.places.len()) {
             self.reference = Vec::from_slice(taught.places).ok();
             self.learned = taught.learned.clone();
+            // As long as no run has been judged since.
+            if self.last_run == Some(self.learned.line_run) {
+                self.taught_by = self.learned.line;
+            }
             self.feed_mm_per_min = self.learned.feed_mm_per_min;
         }
     }

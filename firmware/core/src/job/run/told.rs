@@ -1,6 +1,6 @@
 //! What lines say beside hits: the run, its work offset, and what else moves its coordinates.
 
-use umi_protocol::job::Name;
+use umi_protocol::job::{Name, TeachLine};
 use umi_protocol::message::{TeachBy, TeachRefusal, TeachWhat};
 use umi_protocol::reason::Reason;
 
@@ -64,10 +64,15 @@ impl Run {
             }
             Said::Teach { again } => {
                 self.give_up(Reason::RunChanged, out);
-                if self.taught_by.leaves_in_doubt(again) {
-                    // The one before may be an old run that came late, and this the one that was
-                    // meant; or the line was left in the program.
-                    self.forget(out);
+                let line = if again {
+                    TeachLine::Again
+                } else {
+                    TeachLine::First
+                };
+                if self.doubts(line) {
+                    if self.is_taught_by_asking() {
+                        self.forget(out);
+                    }
                     self.next_setup();
                     self.hold_against(Reason::TaughtTwice);
                     return;

@@ -149,6 +149,66 @@ fn of_two_setups_that_lines_teach_neither_is_the_reference() {
     }
 }
 
+/// An old text, then a setup that is broken off, or the power that goes: what was taught by the old text
+/// was not measured by since, so the doubt stays. Once it was, it is gone, over a restart too.
+#[test]
+fn the_doubt_stays_until_something_was_measured() {
+    let mut asked = with_ids(job());
+    asked.teach = Teach::Asked;
+    let mut run = Run::new(asked.clone());
+    let mut outcome = Outcome::default();
+    says(&mut run, &mut outcome, 1, false);
+    send(&mut run, &mut outcome, &clamping(0, [1, 2, 3]), 1);
+    let taught = run.taught().unwrap();
+    let (places, learned) = (taught.places.to_vec(), taught.learned.clone());
+    send(&mut run, &mut outcome, &clamping(1, [1, 2, 3])[..1], 2);
+    says(&mut run, &mut outcome, 3, false);
+    send(&mut run, &mut outcome, &clamping(1, [1, 2, 3]), 3);
+    let summary = outcome.summary();
+    assert_eq!(summary[2], "taught_twice no_reference", "{summary:?}");
+    for (last_run, code) in [(1, "taught_twice no_reference"), (2, "already_taught")] {
+        let mut after = Run::new(asked.clone());
+        let mut outcome = Outcome::default();
+        after.restore_last_run(last_run);
+        let (places, learned) = (&places, &learned);
+        after.restore_reference(Teaching { places, learned });
+        says(&mut after, &mut outcome, 3, false);
+        send(&mut after, &mut outcome, &clamping(1, [1, 2, 3]), 3);
+        assert_eq!(outcome.summary(), [code]);
+    }
+}
+
+/// A job that the first setup teaches would be taught by the next one, wherever it stands, if a reference were
+/// forgotten: `T1.` forgets nothing there, and neither does a `T2.` that was left in the program. A line that
+/// taught nothing is not held against what another setup has taught.
+#[test]
+fn a_job_that_the_first_setup_teaches_forgets_nothing_by_lines() {
+    let mut run = Run::new(with_ids(job()));
+    let mut outcome = Outcome::default();
+    says(&mut run, &mut outcome, 1, false);
+    send(&mut run, &mut outcome, &clamping(0, [1, 2, 3])[..1], 1);
+    send(&mut run, &mut outcome, &clamping(0, [1, 2, 3]), 2);
+    let places = |run: &Run| run.taught().map(|of| of.places.to_vec());
+    let first = places(&run).unwrap();
+    says(&mut run, &mut outcome, 3, false);
+    send(&mut run, &mut outcome, &clamping(1, [1, 2, 3]), 3);
+    assert_eq!(places(&run), Some(first));
+    for (again, case) in [(4, 2), (5, 3)] {
+        says(&mut run, &mut outcome, again, true);
+        send(&mut run, &mut outcome, &clamping(case, [1, 2, 3]), again);
+    }
+    let second = places(&run).unwrap();
+    send(&mut run, &mut outcome, &clamping(4, [1, 2, 3]), 6);
+    assert_eq!(places(&run), Some(second));
+    let summary = outcome.summary();
+    assert_eq!(
+        summary[1..],
+        ["OK", "already_taught", "OK", "taught_twice", "OK"],
+        "{summary:?}"
+    );
+    assert!(outcome.verdicts.last().unwrap().registration.is_some());
+}
+
 /// `T2.` right behind `T1.` says which of the two is meant: the new one.
 #[test]
 fn a_line_replaces_what_the_setup_before_has_taught() {
