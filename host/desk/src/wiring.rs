@@ -225,6 +225,12 @@ impl Wires for Wiring {
     }
 }
 
+/// From one % to the end of the other's line: what is left of it would be taken for the beginning of the next program.
+fn is_whole(program: &str) -> bool {
+    let ends = program.trim_end().ends_with("\n%") && program.ends_with('\n');
+    ends && program.matches('%').count() > 1
+}
+
 fn read_program(line: &mut dyn ControlLine) -> Result<Option<String>, Problem> {
     let trouble = |error: std::io::Error| Problem::trouble("port", error);
     line.write_all(&[DC1]).map_err(trouble)?;
@@ -241,7 +247,7 @@ fn read_program(line: &mut dyn ControlLine) -> Result<Option<String>, Problem> {
             }
             Err(error) => return Err(trouble(error)),
         }
-        if program.len() > 2 && program.trim_end().ends_with("\n%") {
+        if is_whole(&program) {
             return Ok(Some(program));
         }
     }
@@ -256,5 +262,54 @@ fn read_program(line: &mut dyn ControlLine) -> Result<Option<String>, Problem> {
                 program.len()
             ),
         ))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::VecDeque;
+    use std::io::{Read, Result, Write};
+
+    use super::{ControlLine, DC1, read_program};
+
+    /// A board that sends its program at each DC1.
+    struct Board(VecDeque<u8>);
+
+    const PROGRAM: &str = "%\r\nO9010\r\nG10 L2 P2 X1.\r\nM99\r\n%\r\n";
+
+    impl Read for Board {
+        fn read(&mut self, into: &mut [u8]) -> Result<usize> {
+            self.0.read(into)
+        }
+    }
+
+    impl Write for Board {
+        fn write(&mut self, bytes: &[u8]) -> Result<usize> {
+            assert_eq!(bytes, [DC1]);
+            self.0.extend(PROGRAM.bytes());
+            Ok(1)
+        }
+        fn flush(&mut self) -> Result<()> {
+            Ok(())
+        }
+    }
+
+    impl ControlLine for Board {}
+
+    /// A line end that was left in front of the next program's % would make one of it without a word.
+    #[test]
+    fn each_program_is_read_to_the_end_of_its_last_line() {
+        let mut board = Board(VecDeque::new());
+        for _ in 0..3 {
+            assert_eq!(read_program(&mut board).unwrap().as_deref(), Some(PROGRAM));
+            assert!(board.0.is_empty());
+        }
+        // What was left behind another one's end is no program.
+        board.0.extend(b"\r\n");
+        let read = read_program(&mut board).unwrap();
+        assert_eq!(
+            read.map(|text| text.trim().to_owned()).as_deref(),
+            Some(PROGRAM.trim())
+        );
     }
 }

@@ -178,8 +178,8 @@ impl Basis {
                     "taken_back",
                     format_args!(
                         "{}: behind its last verdict, OK on setup {}, the control printed, \
-                         the probe touched, bytes were lost or teaching was asked for again: the \
-                         board has taken it back; probe the part again, or, if nothing was moved \
+                         the probe touched, bytes were lost or teaching was asked for again, or the verdict \
+                         became older than the job's `plate_timeout_s`: the board has taken it back; probe the part again, or, if nothing was moved \
                          since, name the verdict: --entry {}",
                         name(path),
                         verdict.setup,
@@ -190,7 +190,7 @@ impl Basis {
             Some(judged) => Ok(Self::Judged(Box::new(judged))),
             None => Err(Problem::trouble(
                 "verdict",
-                format_args!("{}: no such verdict in it", name(path)),
+                format_args!("{}: {}", name(path), none_there(!wanted.is_empty(), which)),
             )),
         }
     }
@@ -431,4 +431,19 @@ fn cleared(verdict: &Verdict) -> Result<(Cleared, RigidTransform), Problem> {
     };
     let transform = RigidTransform::from_rows(registration.rotation, registration.translation_mm);
     Ok((cleared, transform))
+}
+
+/// Why a journal has no verdict to correct by; `is_seen`: what was asked for stands in it.
+const fn none_there(is_seen: bool, which: WhichVerdict) -> &'static str {
+    match (is_seen, which) {
+        (false, _) => "no such verdict in it",
+        (true, WhichVerdict::Last) => {
+            "its last verdict is of before the board's last start, or of another job than the last one in \
+             it: probe the part again, or, if nothing was moved since, name the verdict (--entry, see umi log)"
+        }
+        (true, _) => {
+            "the job by which that was judged is not in it: pull the journal from an earlier entry (umi log \
+             without --from)"
+        }
+    }
 }

@@ -62,8 +62,8 @@ impl Audit {
         self.begun = false;
     }
 
-    /// The control printed, the probe touched or teaching was asked for behind the last verdict:
-    /// the board stands by it no more.
+    /// The control printed, the probe touched or teaching was asked for behind the last verdict, or
+    /// it became too old: the board stands by it no more.
     #[must_use]
     pub const fn taken_back(&self) -> bool {
         self.replay.taken_back()

@@ -628,9 +628,12 @@ pub fn verdict(verdict: &Verdict) -> String {
     );
     if let Some(registration) = &verdict.registration {
         let [x, y, z] = registration.translation_mm.map(|mm| fixed(mm, 4));
+        let [[xx, ..], [yx, ..], [.., zz]] = registration.rotation;
+        // The sign of what is keyed in is told by it.
         text += &format!(
-            ", turned {} deg, moved ({x}, {y}, {z}) mm, rms {:.4} mm",
-            fixed(registration.angle_deg, 4),
+            ", turned {} deg about Z, tilted {} deg, moved ({x}, {y}, {z}) mm, rms {:.4} mm",
+            fixed(yx.atan2(xx).to_degrees(), 4),
+            fixed(zz.clamp(-1.0, 1.0).acos().to_degrees(), 4),
             registration.rms_mm
         );
     }

@@ -135,3 +135,28 @@ fn a_correction_that_compares_no_run_is_refused() {
     let args = [&by_board[..], &["--dialect", "grbl", "--limit", "5"]].concat();
     assert_eq!(umi(&args).exits(2).json()["error"]["code"], "not_compared");
 }
+
+/// An OK that is older than the job allows corrects nothing, also out of the journal; who names the verdict
+/// looks back.
+#[test]
+fn what_is_too_old_corrects_nothing() {
+    let (board, at) = served();
+    let folder = Folder::new();
+    let job = JOB.replace("plate_timeout_s = 1800", "plate_timeout_s = 2");
+    assert_ne!(job, JOB);
+    let job = folder.file("j.toml", job);
+    umi(&["job", "set", &job, "--port", &at]).exits(0);
+    board.control_sends(lines(0, 54).as_bytes());
+    let begun = Instant::now();
+    let status = || umi(&["info", "--json", "--port", &at]).json()["status"].clone();
+    while status()["verdicts"] != 2 || !status()["last_verdict_ok"].is_null() {
+        assert!(begun.elapsed() < Duration::from_secs(20), "{}", status());
+    }
+    let journal = folder.path("j.umij");
+    umi(&["log", "--port", &at, "-o", &journal]).exits(0);
+    let by_journal = ["correction", "--unsigned", "--verdict", &journal];
+    let said = umi(&by_journal).exits(2).says("plate_timeout_s").err;
+    let (_, entry) = said.split_once("--entry ").unwrap();
+    let entry: String = entry.chars().take_while(char::is_ascii_digit).collect();
+    umi(&[&by_journal[..], &["--entry", &entry]].concat()).exits(0);
+}
