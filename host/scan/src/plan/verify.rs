@@ -318,6 +318,12 @@ pub(super) fn findings(
     found
         .warnings
         .extend(found.overlap.and_then(|o| o.warning()));
+    if stand.gaps > 0 {
+        found.warnings.push(format!(
+            "On {} ways from pose to pose the middle ray meets no part in between, as over a slot: stand-off and tilt are told of what it meets.",
+            stand.gaps
+        ));
+    }
     if found.overlap.is_none() && found.passes > part.components as usize {
         found.warnings.push(format!(
             "Of {} passes no two see a common strip of a smooth surface, and none ends beside another: there is no overlap to tell.",

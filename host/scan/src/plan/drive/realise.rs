@@ -55,8 +55,20 @@ const SHORTEST_MM: f64 = 0.5;
 /// Share of the stand-off's tolerance that a shift takes.
 const SHIFT_SHARE: f64 = 0.9;
 
-/// Between two poses the axes' way is looked at here.
-const BETWEEN: [f64; 3] = [0.25, 0.5, 0.75];
+/// Between two poses the axes' way is looked at in so many places at least.
+const LOOKS: f64 = 3.0;
+
+/// And as close as this.
+const LOOK_MM: f64 = 0.5;
+
+/// So many looks at the most: no pass has steps for which they are too few.
+const MOST_LOOKS: f64 = 1000.0;
+
+/// Where the axes' way is looked at between two poses whose points lie so far apart, as shares of it.
+fn looks(way_mm: f64) -> impl Iterator<Item = f64> {
+    let parts = (way_mm / LOOK_MM).ceil().clamp(LOOKS + 1.0, MOST_LOOKS);
+    (1..parts as usize).map(move |k| k as f64 / parts)
+}
 
 /// All axes move linearly between poses, so that a turn carries the point off its chord: by this share of the stand-off's
 /// tolerance at most.
@@ -275,11 +287,11 @@ impl Realiser<'_> {
         let machine = &self.spec.machine;
         let (from, to) = (tip(&machine.forward(a)), tip(&machine.forward(b)));
         let near = (CHORD_SHARE * plan.stand_off_tolerance_mm).max(CHORD_MM);
-        BETWEEN.iter().all(|share| {
-            let pose = machine.forward(&mixed(a, b, *share));
+        looks((to - from).norm()).all(|share| {
+            let pose = machine.forward(&mixed(a, b, share));
             let far = self.spec.sensor.range_mm[1] * 1.5;
             let hit = self.scenery.meshes[0].first_hit(&pose.origin_mm, &pose.beam, far);
-            (tip(&pose) - from.lerp(&to, *share)).norm() <= near
+            (tip(&pose) - from.lerp(&to, share)).norm() <= near
                 && hit.is_none_or(|hit| {
                     (hit.at - reference_mm).abs() <= plan.stand_off_tolerance_mm * 0.99
                         && self.scenery.tilt_deg(&pose, &hit) <= plan.max_tilt_deg + 1.4
@@ -556,11 +568,14 @@ pub fn receiver(pose: &SensorPose, place: &Vector3<f64>) -> Vector3<f64> {
 impl Pass {
     /// Poses on the axes' way from one of its poses to the next.
     pub fn between(&self, spec: &ScanSpec, pose: usize) -> Vec<SensorPose> {
-        let ends = self.axes.get(pose).zip(self.axes.get(pose + 1));
-        let at = |(a, b): (&Vec<f64>, &Vec<f64>)| {
-            BETWEEN.map(|share| spec.machine.forward(&mixed(a, b, share)))
+        let [Some(a), Some(b)] = [pose, pose + 1].map(|k| self.axes.get(k)) else {
+            return Vec::new();
         };
-        ends.map(at).into_iter().flatten().collect()
+        let tip = |p: &SensorPose| p.origin_mm + p.beam * spec.sensor.reference_mm;
+        let way_mm = (tip(&self.poses[pose + 1]) - tip(&self.poses[pose])).norm();
+        looks(way_mm)
+            .map(|share| spec.machine.forward(&mixed(a, b, share)))
+            .collect()
     }
 
     /// Way of the point at the reference distance.
@@ -576,5 +591,19 @@ impl Pass {
     pub fn reverse(&mut self) {
         self.axes.reverse();
         self.poses.reverse();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{LOOK_MM, looks};
+
+    #[test]
+    fn a_long_way_is_looked_at_as_closely_as_a_short_one() {
+        assert_eq!(looks(0.3).collect::<Vec<_>>(), [0.25, 0.5, 0.75]);
+        assert_eq!(looks(2.0).count(), 3);
+        assert_eq!(looks(7.66).count(), 15);
+        let between = looks(7.66).collect::<Vec<_>>();
+        assert!(between.windows(2).all(|w| (w[1] - w[0]) * 7.66 <= LOOK_MM));
     }
 }

@@ -269,7 +269,11 @@ fn unreachable(
             coverage * 100.0,
             plan.min_coverage * 100.0,
             pieces(shop.part.components),
-            advice(obstructed.breaks, options.allow_partial)
+            if limits {
+                BEYOND.to_owned()
+            } else {
+                advice(obstructed.breaks, options.allow_partial || coverage == 0.0)
+            }
         ),
     )
     .with("coverage", coverage)
@@ -278,6 +282,9 @@ fn unreachable(
         serde_json::to_value(uncovered).unwrap_or_default(),
     )
 }
+
+/// What helps where the axes point the beam at nothing of the part.
+const BEYOND: &str = " Stand the part otherwise, so that the beam meets it within the axes' limits and travels; or turn the mesh inside out, if its triangles look away from the outer side (an outer side is that from which the corners run counter-clockwise).";
 
 /// What to do with a surface that a file has in pieces: each is planned by itself.
 pub(super) fn pieces(components: u32) -> String {

@@ -94,7 +94,7 @@ const ABOVE: i32 = -2;
 ///
 /// # Errors
 /// `machine_spec` where the language has no word for a rotary axis, `nc_mode` where the control has no `rtcp` that this
-/// could be said in.
+/// could be said in, or no rotary axis for it.
 pub fn ready(
     spec: &ScanSpec,
     dialect: PathDialect,
@@ -109,6 +109,10 @@ pub fn ready(
         (ProgramMode::Rtcp, PathDialect::LinuxCnc) => Err(ScanError::refused(
             "nc_mode",
             "LinuxCNC has no word that switches to the tool's point for every machine: take --nc-mode rotary.",
+        )),
+        (ProgramMode::Rtcp, _) if spec.machine.limits().len() == 3 => Err(ScanError::refused(
+            "nc_mode",
+            "The machine has no rotary axis, and a control without one does not know the word for rtcp: take --nc-mode rotary.",
         )),
         (ProgramMode::Rtcp, _) => carried::carried(spec, dialect),
     }

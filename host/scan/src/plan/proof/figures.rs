@@ -353,15 +353,16 @@ fn widths(
             by_pass[a.pass as usize].push((point as u32, *a));
         }
     }
-    let mut widths: HashMap<StretchEnd, [f64; 2]> = HashMap::new();
     // Pass by pass: all pairs of sights at once would be as many as the square of the passes.
-    for mine in by_pass {
+    let found = Threads::all().chunks(by_pass.len(), 1, |range| {
+        let mine = &by_pass[range.start];
+        let mut widths: Vec<(StretchEnd, [f64; 2])> = Vec::new();
         if !deadline.more() {
-            break;
+            return widths;
         }
         // By stretch and neighbour: places of the points that both see, from the line's middle towards that end.
         let mut bins: HashMap<(StretchEnd, u32), Vec<f64>> = HashMap::new();
-        for (point, a) in &mine {
+        for (point, a) in mine {
             let (pass, at, _) = stretch(&ways, a);
             let sights = &seen.sights[*point as usize];
             for b in sights.iter().filter(|b| b.pass != a.pass) {
@@ -372,28 +373,36 @@ fn widths(
             }
         }
         for ((stretch, _), mut places) in bins {
-            places.sort_by(|a, b| b.total_cmp(a));
-            let apart = places
-                .windows(2)
-                .position(|p| p[1] < 0.0 && p[0] - p[1] > STRIP_GAP);
-            places.truncate(apart.map_or(places.len(), |k| k + 1));
-            let (Some(edge), Some(inner)) = (places.first(), places.last()) else {
-                continue;
-            };
+            let edge = places.iter().copied().fold(f64::NEG_INFINITY, f64::max);
             let least = ends
                 .get(&stretch)
                 .map_or(AT_NEIGHBOUR, |end| end.least(AT_NEIGHBOUR));
-            if *edge > least && places.len() >= 3 {
-                let count = places.len() as f64;
-                let width = (edge - inner) / 2.0;
-                let [seen, whole] = widths.entry(stretch).or_insert([0.0; 2]);
-                *seen = seen.max(width);
-                if places.len() >= TELLING {
-                    // The outermost of some points in a strip leave a little of it at either edge.
-                    *whole = whole.max((width * (count + 1.0) / (count - 1.0)).min(1.0));
-                }
+            if edge <= least {
+                continue;
             }
+            places.sort_unstable_by(|a, b| b.total_cmp(a));
+            let apart = places
+                .windows(2)
+                .position(|p| p[1] < 0.0 && p[0] - p[1] > STRIP_GAP);
+            let joined = apart.map_or(places.len(), |k| k + 1);
+            if joined < 3 {
+                continue;
+            }
+            let count = joined as f64;
+            let width = (edge - places[joined - 1]) / 2.0;
+            // The outermost of some points in a strip leave a little of it at either edge.
+            let whole = (width * (count + 1.0) / (count - 1.0)).min(1.0);
+            widths.push((
+                stretch,
+                [width, if joined >= TELLING { whole } else { 0.0 }],
+            ));
         }
+        widths
+    });
+    let mut widths: HashMap<StretchEnd, [f64; 2]> = HashMap::new();
+    for (stretch, [width, whole]) in found.into_iter().flatten() {
+        let [seen, told] = widths.entry(stretch).or_insert([0.0; 2]);
+        (*seen, *told) = (seen.max(width), told.max(whole));
     }
     widths
 }
@@ -427,7 +436,12 @@ pub struct Stand {
     pub tilt_max_deg: f64,
     /// Poses whose middle ray meets no part.
     pub off_part: usize,
+    /// Ways from pose to pose on which it meets none, and none lies beside it.
+    pub gaps: usize,
 }
+
+/// A way between two poses on a bent border leaves the part by less than this.
+const BESIDE_MM: f64 = 0.05;
 
 /// Follows the middle ray of every pose, and of the axes' ways between them.
 pub fn stand(spec: &ScanSpec, scenery: &Scenery<'_>, passes: &[&Pass]) -> Stand {
@@ -435,10 +449,19 @@ pub fn stand(spec: &ScanSpec, scenery: &Scenery<'_>, passes: &[&Pass]) -> Stand 
         stand_off_max_mm: 0.0,
         tilt_max_deg: 0.0,
         off_part: 0,
+        gaps: 0,
     };
     let part = scenery.meshes[0];
+    let far = spec.sensor.range_mm[1] * 1.5;
+    let beside = |pose: &SensorPose| {
+        let mut sides = [pose.line, -pose.line, pose.feed(), -pose.feed()].into_iter();
+        sides.any(|side| {
+            let from = pose.origin_mm + side * BESIDE_MM;
+            part.first_hit(&from, &pose.beam, far).is_some()
+        })
+    };
     let mut look = |pose: &SensorPose| {
-        let hit = part.first_hit(&pose.origin_mm, &pose.beam, spec.sensor.range_mm[1] * 1.5);
+        let hit = part.first_hit(&pose.origin_mm, &pose.beam, far);
         if let Some(hit) = &hit {
             let off = (hit.at - spec.sensor.reference_mm).abs();
             let tilt = scenery.tilt_deg(pose, hit);
@@ -447,15 +470,20 @@ pub fn stand(spec: &ScanSpec, scenery: &Scenery<'_>, passes: &[&Pass]) -> Stand 
         }
         hit.is_some()
     };
-    let mut off_part = 0;
+    let (mut off_part, mut gaps) = (0, 0);
     for pass in passes {
         for (k, pose) in pass.poses.iter().enumerate() {
             off_part += usize::from(!look(pose));
+            let mut gap = false;
             for between in pass.between(spec, k) {
-                look(&between);
+                gap |= !look(&between) && !beside(&between);
             }
+            gaps += usize::from(gap);
         }
     }
-    stand.off_part = off_part;
-    stand
+    Stand {
+        off_part,
+        gaps,
+        ..stand
+    }
 }

@@ -170,6 +170,16 @@ fn plain_language_holds_the_feed_at_the_point_that_it_carries() {
         "--json",
     ]);
     assert_eq!(code(ran, 2), "nc_mode");
+    // And a control without a rotary axis has no word for it.
+    let still = |end: &str| project(&format!("tests/reference/plan/three_axes.{end}"));
+    let (mesh, spec, path) = (still("obj"), still("toml"), folder.path("still.csv"));
+    let program = folder.path("still.nc");
+    let args = [
+        "scan", "plan", &mesh, "--spec", &spec, "-o", &path, "--nc", &program,
+    ];
+    let ran = umi(&[&args[..], &["--nc-mode", "rtcp", "--json"]].concat());
+    assert_eq!(code(ran, 2), "nc_mode");
+    assert!(!std::fs::exists(&path).unwrap() && !std::fs::exists(&program).unwrap());
 }
 
 #[test]
