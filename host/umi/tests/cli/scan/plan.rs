@@ -171,9 +171,15 @@ fn plain_language_holds_the_feed_at_the_point_that_it_carries() {
     ]);
     assert_eq!(code(ran, 2), "nc_mode");
     // And a control without a rotary axis has no word for it.
-    let still = |end: &str| project(&format!("tests/reference/plan/three_axes.{end}"));
-    let (mesh, spec, path) = (still("obj"), still("toml"), folder.path("still.csv"));
-    let program = folder.path("still.nc");
+    let text = fs::read_to_string(project(SPEC)).unwrap();
+    let turning = "spindle = { orient_deg = [-360, 360] }\n";
+    assert!(text.contains(turning));
+    let spec = folder.file("still.toml", text.replace(turning, ""));
+    let (mesh, path, program) = (
+        project(PART),
+        folder.path("still.csv"),
+        folder.path("still.nc"),
+    );
     let args = [
         "scan", "plan", &mesh, "--spec", &spec, "-o", &path, "--nc", &program,
     ];
