@@ -249,6 +249,24 @@ impl PlanMachine {
         (stand.beam(), stand.line())
     }
 
+    /// The beam of [`Self::pointing`] alone: of a vector that is turned about each axis, not of two poses.
+    pub fn beam(&self, angles: &[f64]) -> Vector3<f64> {
+        let joints = &self.chain.joints[3..];
+        let turned = |v: Vector3<f64>, joint: &Joint, degrees: f64| {
+            let (s, c) = degrees.to_radians().sin_cos();
+            let axis = joint.direction;
+            v * c + axis.cross(&v) * s + axis * (axis.dot(&v) * (1.0 - c))
+        };
+        let mut beam = -self.chain.sensor.rotation.column(2).into_owned();
+        for k in (self.table.len()..joints.len()).rev() {
+            beam = turned(beam, &joints[k], angles[k]);
+        }
+        for k in 0..self.table.len() {
+            beam = turned(beam, &joints[k], -angles[k]);
+        }
+        self.chain.workpiece.rotation.tr_mul(&beam)
+    }
+
     /// X, Y, Z that bring the sensor's origin to a point of the part's frame, at these angles (table, head, S).
     pub fn carriage(&self, origin_mm: &Vector3<f64>, angles: &[f64]) -> Vector3<f64> {
         self.stand(angles).carriage(origin_mm)

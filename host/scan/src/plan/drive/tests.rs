@@ -134,3 +134,20 @@ fn another_distance_has_the_same_angles() {
     let followed = driver.follow(&points, near);
     assert!(driver.shifted(&followed, &points, near, far).is_none());
 }
+
+/// The beam alone is that of both poses.
+#[test]
+fn the_beam_is_that_of_table_and_head() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/reference/plan");
+    for file in ["step_wavy.toml", "kinematics_ac.toml", "three_axes.toml"] {
+        let machine = ScanSpec::open(&folder.join(file)).unwrap().machine;
+        let count = machine.limits().len() - 3;
+        for k in 0..50 {
+            let angles: Vec<f64> = (0..count)
+                .map(|axis| 360.0 * (f64::from(k) * 0.37 + 0.21 * axis as f64).sin())
+                .collect();
+            let off = machine.beam(&angles) - machine.pointing(&angles).0;
+            assert!(off.norm() < 1e-14, "{file} {angles:?}: {}", off.norm());
+        }
+    }
+}

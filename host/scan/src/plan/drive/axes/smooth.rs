@@ -49,9 +49,8 @@ impl Driver<'_> {
         if self.aiming.is_empty() || (!self.spindle && self.aiming.len() > 2) || rows.len() < 3 {
             return;
         }
-        let tilt = |angles: &[f64], k: usize| {
-            angle_deg(&self.machine.pointing(angles).0, &-points[k].normal)
-        };
+        let tilt =
+            |angles: &[f64], k: usize| angle_deg(&self.machine.beam(angles), &-points[k].normal);
         let rough = rows.windows(3).any(|w| {
             self.aiming
                 .iter()
@@ -67,11 +66,11 @@ impl Driver<'_> {
                         (Some(b), true) => (rows[b][*p] + rows[k + 1][*p]) / 2.0,
                         _ => continue,
                     };
-                    let mut tried = rows[k].clone();
-                    tried[*p] = (rows[k][*p] + 0.5 * (mean - rows[k][*p]))
+                    let before = rows[k][*p];
+                    rows[k][*p] = (before + 0.5 * (mean - before))
                         .clamp(turn.limits_deg[0], turn.limits_deg[1]);
-                    if tilt(&tried, k) <= self.tilt_deg {
-                        rows[k] = tried;
+                    if tilt(&rows[k], k) > self.tilt_deg {
+                        rows[k][*p] = before;
                     }
                 }
             }
