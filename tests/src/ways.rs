@@ -487,6 +487,19 @@ fn ways() -> Vec<(&'static str, Vec<Step>)> {
             Step::Prints(announced(5, "", "") + &clamping(1)),
             Step::Reads(5),
         ]),
+        ("The same, `umi teach --again`, and text of run 6 that was held up comes before that of run 7, which was meant, both before the control reads", vec![
+            Step::Asks,
+            Step::Prints(announced(6, "", "") + &clamping(2)),
+            Step::Prints(announced(7, "", "") + &clamping(0)),
+            Step::Reads(7),
+            Step::Prints(announced(8, "", "") + &clamping(1)),
+            Step::Reads(8),
+            Step::Asks,
+            Step::Prints(announced(9, "", "") + &clamping(0)),
+            Step::Reads(9),
+            Step::Prints(announced(10, "", "") + &clamping(1)),
+            Step::Reads(10),
+        ]),
     ]
 }
 

@@ -244,23 +244,25 @@ pub struct Lessons {
     pub tool_length_mm: Option<f64>,
     /// The feed of its hits; 0 where their lines do not say it.
     pub feed_mm_per_min: f64,
-    /// The control's line that taught the first one, if it was one.
+    /// Who taught the first one, as long as that leaves it in doubt which setup was meant.
     pub line: TeachLine,
-    /// The run that it said.
+    /// Its run.
     pub line_run: u32,
 }
 
-/// A line of the control that asks to teach.
+/// Who has taught a setup that may not be the one that was meant: an old text that came late.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[postcard(crate = crate)]
 pub enum TeachLine {
-    /// None: a host or the button asked, or nobody.
+    /// There is no doubt: the control has read in its run, a setup was measured by it, or nobody asked.
     #[default]
     None,
     /// `T1.`
     First,
     /// `T2.`: also in place of the reference that there is.
     Again,
+    /// A host or the button, and the control has not read in its run.
+    Unread,
 }
 
 impl Lessons {

@@ -740,6 +740,22 @@ pub enum Reason {
         /// Hits of the setup.
         hits: u16,
     },
+    /// The reference was taught for a host or the button in a run in which the control has not read since.
+    #[error(
+        "run {run} has taught and the control did not read in it, so it may be an old text that came before the run that was meant: `umi teach --again`, and read in the run that teaches"
+    )]
+    TaughtUnread {
+        /// The run that taught.
+        run: u32,
+    },
+    /// The same where the control does not read: told once.
+    #[error(
+        "run {run} has taught: if that is the run that was meant, probe once more; if not, `umi teach --again`"
+    )]
+    TaughtByRun {
+        /// The run that taught.
+        run: u32,
+    },
 }
 
 /// Why a fit or a registration was refused.

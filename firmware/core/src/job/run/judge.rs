@@ -57,14 +57,15 @@ impl Run {
         }
         if taught {
             let was_asked = self.teaching == TeachingAct::This(Lesson::Reference);
-            self.taught_by = match was_asked {
-                true => self.asked.line(),
-                false => TeachLine::None,
+            // Nothing says more of a setup without a run, or is moved by one that moves nothing.
+            let matters = self.run.is_some() && self.job.get().is_some_and(moves_something);
+            self.taught_by = match self.asked.line() {
+                _ if !was_asked => TeachLine::None,
+                TeachLine::Unread if !matters => TeachLine::None,
+                by => by,
             };
-        } else if (verdict.ok || self.reference.is_none())
-            && !self.against.contains(&Reason::TaughtTwice)
-        {
-            self.taught_by = TeachLine::None;
+        } else if self.ends_doubt(&verdict) {
+            self.no_doubt(out);
         }
         let widens = self.widens(&verdict);
         self.add_remarks(taught, &mut verdict);
@@ -85,6 +86,7 @@ impl Run {
             out(Decision::Taught(Teaching::NONE));
             self.reference = None;
             self.learned = Lessons::NONE;
+            self.taught_by = TeachLine::None;
         } else if widens && let Some(taught) = self.taught() {
             out(Decision::Taught(taught));
         }
@@ -97,6 +99,23 @@ impl Run {
         out(Decision::Verdict(&verdict));
         self.verdict.put(verdict);
         self.progress = Progress::Judged;
+    }
+
+    /// Whether this setup, which taught nothing, shows that the one that did was meant: it was measured by it; or
+    /// that `T2.` is in the program no more, where that was the doubt.
+    fn ends_doubt(&self, verdict: &Verdict) -> bool {
+        let says = |is: fn(&Reason) -> bool| verdict.reasons.iter().any(|of| is(&of.reason));
+        if self.against.contains(&Reason::TaughtTwice) {
+            return false;
+        }
+        let is_whole = self.slots.iter().all(|slot| slot.in_this_setup);
+        match self.taught_by {
+            _ if verdict.ok || self.reference.is_none() => true,
+            TeachLine::None | TeachLine::First => false,
+            TeachLine::Again => is_whole && self.older_than.is_none(),
+            // Told once, where no reading can say it.
+            TeachLine::Unread => says(|of| matches!(of, Reason::TaughtByRun { .. })),
+        }
     }
 
     /// Judges what is there of the setup; whether it becomes the reference.
@@ -162,6 +181,7 @@ impl Run {
         }
         self.against_closing(job, verdict);
         self.against_step(job, verdict);
+        self.against_unread(job, verdict);
         let mut taught = false;
         let complete = measured.len() == place_count(job);
         let may_teach =

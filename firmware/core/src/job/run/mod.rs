@@ -89,8 +89,8 @@ pub struct Run {
     teaching: TeachingAct,
     /// Who asked to teach, and when: means nothing where nobody has.
     asked: Asked,
-    /// By which line the reference was taught that nothing was measured by since, or the setup
-    /// before was refused for saying so again.
+    /// Who has taught the reference, as long as that leaves it in doubt; or the setup before was refused
+    /// for saying so again.
     taught_by: TeachLine,
     /// The latest result of each feature, and whether it belongs to this setup.
     slots: Vec<Slot, MAX_FEATURES>,

@@ -1,7 +1,9 @@
 //! Teaching: who asked for it, what a setup teaches, and what was taught.
 
 use heapless::Vec;
-use umi_protocol::job::{Learned, Lessons, MAX_FEATURES, Reference, Teach, TeachLine};
+use umi_protocol::job::{
+    CorrectionSpec, Job, Learned, Lessons, MAX_FEATURES, Reference, SendWhen, Teach, TeachLine,
+};
 use umi_protocol::message::{TeachBy, TeachPending, TeachRefusal, TeachSetup, TeachWhat};
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::Verdict;
@@ -9,6 +11,7 @@ use umi_protocol::verdict::Verdict;
 use super::{Decision, Progress, Run, Teaching};
 use crate::job::check::place_count;
 use crate::job::feature;
+use crate::job::setup;
 use crate::units::{Micros, Point};
 
 /// Whether somebody asked to teach, and what.
@@ -38,12 +41,12 @@ impl Asked {
         again: false,
     };
 
-    /// The line that asked, if it was one.
+    /// Who that is, for the setup that it teaches.
     pub(super) fn line(self) -> TeachLine {
         match (self.by, self.again) {
             (TeachBy::Line, true) => TeachLine::Again,
             (TeachBy::Line, false) => TeachLine::First,
-            _ => TeachLine::None,
+            _ => TeachLine::Unread,
         }
     }
 }
@@ -92,6 +95,10 @@ impl Run {
         self.may_teach(what)?;
         let again = what == TeachWhat::Again;
         self.asked = Asked { by, at: now, again };
+        if by != TeachBy::Line && what != TeachWhat::More {
+            // Whoever asks there knows of what lines have taught.
+            self.taught_by = TeachLine::None;
+        }
         self.next_setup();
         self.began_with = None;
         if what == TeachWhat::More {
@@ -109,10 +116,52 @@ impl Run {
     /// teach each.
     pub(super) fn doubts(&self, line: TeachLine) -> bool {
         match self.taught_by {
-            TeachLine::None => false,
+            TeachLine::None | TeachLine::Unread => false,
             TeachLine::First => line == TeachLine::First && self.is_taught_by_asking(),
             TeachLine::Again => line == TeachLine::Again || self.is_taught_by_asking(),
         }
+    }
+
+    /// Whether a host or the button has asked for the setup that comes next: a line in it asks for the same,
+    /// and whichever setup comes first stays theirs.
+    pub(super) fn is_asked_elsewhere(&self) -> bool {
+        self.teaching == TeachingAct::Next(Lesson::Reference) && self.asked.by != TeachBy::Line
+    }
+
+    /// The control reads behind the setup that was taught: that is the one that was meant.
+    pub(super) fn read_where_taught(&mut self, out: &mut impl FnMut(Decision<'_>)) {
+        if self.taught_by == TeachLine::Unread
+            && self.progress == Progress::Judged
+            && self.taught_here
+        {
+            self.no_doubt(out);
+        }
+    }
+
+    /// Which setup was meant is in doubt no more.
+    pub(super) fn no_doubt(&mut self, out: &mut impl FnMut(Decision<'_>)) {
+        self.taught_by = TeachLine::None;
+        if core::mem::take(&mut self.learned.line) != TeachLine::None
+            && let Some(taught) = self.taught()
+        {
+            out(Decision::Taught(taught));
+        }
+    }
+
+    /// What is held against a setup that is measured by a reference that may be another's.
+    pub(super) fn against_unread(&self, job: &Job, verdict: &mut Verdict) {
+        let run = self.learned.line_run;
+        if self.taught_by != TeachLine::Unread || self.reference.is_none() || self.run == Some(run)
+        {
+            return;
+        }
+        let reads = |of: &CorrectionSpec| of.send == SendWhen::OnRequest;
+        let reason = if job.correction.as_ref().is_some_and(reads) {
+            Reason::TaughtUnread { run }
+        } else {
+            Reason::TaughtByRun { run }
+        };
+        setup::add(verdict, reason);
     }
 
     pub(super) fn is_taught_by_asking(&self) -> bool {
@@ -176,10 +225,7 @@ impl Run {
         if self.reference_is_taught() && due == Some(taught.places.len()) {
             self.reference = Vec::from_slice(taught.places).ok();
             self.learned = taught.learned.clone();
-            // As long as no run has been judged since.
-            if self.last_run == Some(self.learned.line_run) {
-                self.taught_by = self.learned.line;
-            }
+            self.taught_by = self.learned.line;
             self.feed_mm_per_min = self.learned.feed_mm_per_min;
         }
     }

@@ -64,6 +64,9 @@ impl Run {
             }
             Said::Teach { again } => {
                 self.give_up(Reason::RunChanged, out);
+                if self.is_asked_elsewhere() {
+                    return;
+                }
                 let line = if again {
                     TeachLine::Again
                 } else {
@@ -119,6 +122,8 @@ impl Run {
             // It was said of a run of which nothing else has come: this one is another.
             self.teaching = TeachingAct::None;
         }
+        // So was what was held against it for that.
+        (self.pending).retain(|of| !matches!(of, Reason::AlreadyTaught | Reason::TaughtTwice));
         self.run = Some(run);
         self.older_than = self.last_run.filter(|last| !is_after(run, *last));
         self.frame = None;

@@ -33,9 +33,13 @@ Examples:
 
 A job with `teach = \"asked\"` teaches nothing by itself. If the clamping is NG, nothing is
 taught: ask again. A checked line asks as well: `G65 P8811 T1.` (T2. replaces), for its own run
-alone. `umi teach` cannot name a run: text of an old one that comes late would teach, and a control
-that reads in another run then stops with UMI TAUGHT BY RUN: teach again. umi info and umi watch say what was asked for and has not happened yet, by whom and since
-when. A board that starts anew has not been asked.
+alone. `umi teach` cannot name a run: text of an old one that comes late may teach in place of the
+one that is meant. So let the control read in the run that teaches, as in every run. A control that
+reads in another run stops with UMI TAUGHT BY RUN; a run that nothing was read in is no reference
+for another (taught_unread). Where the control does not read (`send`), the run that taught is told
+once (taught_by_run). Then teach again, or probe once more. umi info and umi watch say what was
+asked for and has not happened yet, by whom and since when. A board that starts anew has not been
+asked.
 
 What a job holds against the taught clamping (`[guards.learned]`) is one sample of what probe and
 balls do. With --more each further clamping that is OK without those limits moves them to the

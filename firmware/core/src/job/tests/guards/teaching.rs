@@ -143,6 +143,7 @@ fn of_two_setups_that_lines_teach_neither_is_the_reference() {
         let taken = run.teach(Micros(9), HOST, what, &mut |d| outcome.take(d));
         assert_eq!(taken, Ok(()));
         send(&mut run, &mut outcome, &clamping(0, [1, 2, 3]), 6);
+        run.control_reads(&mut |d| outcome.take(d));
         send(&mut run, &mut outcome, &clamping(1, [1, 2, 3]), 7);
         assert_eq!(outcome.summary()[5..], ["OK", "OK"]);
         assert!(outcome.verdicts[6].registration.is_some());
@@ -159,23 +160,229 @@ fn the_doubt_stays_until_something_was_measured() {
     let mut outcome = Outcome::default();
     says(&mut run, &mut outcome, 1, false);
     send(&mut run, &mut outcome, &clamping(0, [1, 2, 3]), 1);
-    let taught = run.taught().unwrap();
-    let (places, learned) = (taught.places.to_vec(), taught.learned.clone());
+    let kept = |run: &Run| {
+        let taught = run.taught().unwrap();
+        (taught.places.to_vec(), taught.learned.clone())
+    };
+    let doubted = kept(&run);
+    let after_restart = |kept: &(Vec<Point>, Lessons), last_run: u32| {
+        let mut after = Run::new(asked.clone());
+        let mut outcome = Outcome::default();
+        after.restore_last_run(last_run);
+        let (places, learned) = (&kept.0, &kept.1);
+        after.restore_reference(Teaching { places, learned });
+        says(&mut after, &mut outcome, last_run + 1, false);
+        send(
+            &mut after,
+            &mut outcome,
+            &clamping(1, [1, 2, 3]),
+            last_run + 1,
+        );
+        outcome.summary()
+    };
+    // Directly behind, or behind a setup that was broken off.
+    for last_run in [1, 2] {
+        assert_eq!(
+            after_restart(&doubted, last_run),
+            ["taught_twice no_reference"]
+        );
+    }
+    send(&mut run, &mut outcome, &clamping(1, [1, 2, 3])[..1], 2);
+    send(&mut run, &mut outcome, &clamping(2, [1, 2, 3]), 3);
+    let measured = kept(&run);
+    assert_eq!(outcome.summary()[2], "OK");
+    assert_eq!(after_restart(&measured, 3), ["already_taught"]);
+    let mut run = Run::new(asked.clone());
+    let mut outcome = Outcome::default();
+    says(&mut run, &mut outcome, 1, false);
+    send(&mut run, &mut outcome, &clamping(0, [1, 2, 3]), 1);
     send(&mut run, &mut outcome, &clamping(1, [1, 2, 3])[..1], 2);
     says(&mut run, &mut outcome, 3, false);
     send(&mut run, &mut outcome, &clamping(1, [1, 2, 3]), 3);
     let summary = outcome.summary();
     assert_eq!(summary[2], "taught_twice no_reference", "{summary:?}");
-    for (last_run, code) in [(1, "taught_twice no_reference"), (2, "already_taught")] {
-        let mut after = Run::new(asked.clone());
-        let mut outcome = Outcome::default();
-        after.restore_last_run(last_run);
-        let (places, learned) = (&places, &learned);
-        after.restore_reference(Teaching { places, learned });
-        says(&mut after, &mut outcome, 3, false);
-        send(&mut after, &mut outcome, &clamping(1, [1, 2, 3]), 3);
-        assert_eq!(outcome.summary(), [code]);
+}
+
+/// A host or the button asks to teach, and an old text comes before the one that was meant: what has taught shows by the
+/// control, which reads in the run that was meant and not in the old one. Until it has, no setup is measured; nor over a
+/// restart. A line in the old text that asks to teach, too, makes no difference.
+#[test]
+fn what_a_host_has_taught_holds_once_the_control_has_read_in_it() {
+    let all = [1, 2, 3];
+    for (by, line) in [
+        (HOST, None),
+        (TeachBy::Button, None),
+        (HOST, Some(false)),
+        (HOST, Some(true)),
+    ] {
+        for reads in [false, true] {
+            let mut run = Run::new(with_ids(job()));
+            let mut outcome = Outcome::default();
+            send(&mut run, &mut outcome, &clamping(1, all), 1);
+            let again = run.teach(Micros(9), by, TeachWhat::Again, &mut |d| outcome.take(d));
+            assert_eq!(again, Ok(()));
+            if let Some(again) = line {
+                says(&mut run, &mut outcome, 2, again);
+            }
+            send(&mut run, &mut outcome, &clamping(0, all), 2);
+            if reads {
+                run.control_reads(&mut |d| outcome.take(d));
+            }
+            let taught = run.taught().unwrap();
+            let (places, learned) = (taught.places.to_vec(), taught.learned.clone());
+            for of_run in [3, 4] {
+                send(
+                    &mut run,
+                    &mut outcome,
+                    &clamping(of_run as usize - 2, all),
+                    of_run,
+                );
+                // Too late: it is another run's.
+                run.control_reads(&mut |d| outcome.take(d));
+            }
+            let expected = if reads { "OK" } else { "taught_unread" };
+            assert_eq!(outcome.summary()[2..], [expected; 2], "{by:?} {line:?}");
+            let mut after = Run::new(with_ids(job()));
+            let mut outcome = Outcome::default();
+            after.restore_last_run(2);
+            let (places, learned) = (&places, &learned);
+            after.restore_reference(Teaching { places, learned });
+            send(&mut after, &mut outcome, &clamping(3, all), 5);
+            assert_eq!(outcome.summary(), [expected]);
+            // Teaching once more, with the control reading, heals it.
+            let again = after.teach(Micros(9), by, TeachWhat::Again, &mut |d| outcome.take(d));
+            assert_eq!(again, Ok(()));
+            send(&mut after, &mut outcome, &clamping(0, all), 6);
+            after.control_asks(&mut |d| outcome.take(d));
+            send(&mut after, &mut outcome, &clamping(1, all), 7);
+            assert_eq!(outcome.summary()[1..], ["OK", "OK"]);
+            assert!(outcome.verdicts[2].registration.is_some());
+        }
     }
+}
+
+/// Where the control does not read, which run has taught is told once.
+#[test]
+fn a_control_that_does_not_read_is_told_once_which_run_has_taught() {
+    let all = [1, 2, 3];
+    let of = |send_when: Option<SendWhen>| {
+        let mut job = with_ids(job());
+        job.teach = Teach::Asked;
+        match send_when {
+            Some(when) => job.correction.as_mut().unwrap().send = when,
+            None => job.correction = None,
+        }
+        let mut run = Run::new(job);
+        let mut outcome = Outcome::default();
+        let what = TeachWhat::Reference;
+        let taken = run.teach(Micros(9), HOST, what, &mut |d| outcome.take(d));
+        assert_eq!(taken, Ok(()));
+        for of_run in 1..=3 {
+            send(
+                &mut run,
+                &mut outcome,
+                &clamping(of_run as usize - 1, all),
+                of_run,
+            );
+        }
+        outcome.summary()
+    };
+    let once = ["OK", "taught_by_run", "OK"];
+    assert_eq!(of(Some(SendWhen::OnVerdict)), once);
+    assert_eq!(of(Some(SendWhen::Never)), once);
+    // By whose registration programs are rewritten.
+    assert_eq!(of(None), once);
+}
+
+/// What a line said of a run of which nothing else has come is not held against the next one, which a host asks for.
+#[test]
+fn a_run_that_was_broken_off_leaves_nothing_behind() {
+    for again in [false, true] {
+        let mut asked = with_ids(job());
+        asked.teach = Teach::Asked;
+        let mut run = Run::new(asked);
+        let mut outcome = Outcome::default();
+        says(&mut run, &mut outcome, 1, again);
+        send(&mut run, &mut outcome, &clamping(0, [1, 2, 3]), 1);
+        send(&mut run, &mut outcome, &clamping(1, [1, 2, 3]), 2);
+        says(&mut run, &mut outcome, 3, false);
+        send(&mut run, &mut outcome, &clamping(2, [1, 2, 3]), 4);
+        assert_eq!(outcome.summary(), ["OK", "OK", "OK"]);
+    }
+}
+
+/// `T2.` teaches what is wrong, in a job that its first setup teaches: a probing without it, OK or NG, shows that it was
+/// not left in the program, and then it teaches again.
+#[test]
+fn a_wrong_teaching_by_lines_is_mended_by_lines() {
+    let all = [1, 2, 3];
+    let mut run = Run::new(with_ids(job()));
+    let mut outcome = Outcome::default();
+    send(&mut run, &mut outcome, &clamping(0, all), 1);
+    let mut wrong = clamping(1, all);
+    for point in &mut wrong[1].1 {
+        point[0] += 0.5;
+    }
+    says(&mut run, &mut outcome, 2, true);
+    send(&mut run, &mut outcome, &wrong, 2);
+    says(&mut run, &mut outcome, 3, true);
+    send(&mut run, &mut outcome, &clamping(2, all), 3);
+    send(&mut run, &mut outcome, &clamping(3, all), 4);
+    says(&mut run, &mut outcome, 5, true);
+    send(&mut run, &mut outcome, &clamping(4, all), 5);
+    send(&mut run, &mut outcome, &clamping(0, all), 6);
+    let summary = outcome.summary();
+    assert_eq!(
+        (summary[1].as_str(), summary[2].as_str()),
+        ("OK", "taught_twice")
+    );
+    assert!(summary[3].contains("distance_error"), "{summary:?}");
+    assert_eq!(summary[4..], ["OK", "OK"]);
+}
+
+/// A teaching that was taken back leaves no doubt: nothing was taught.
+#[test]
+fn a_teaching_that_is_taken_back_leaves_no_doubt() {
+    let mut asked = with_ids(job());
+    asked.teach = Teach::Asked;
+    let mut run = Run::new(asked);
+    let mut outcome = Outcome::default();
+    says(&mut run, &mut outcome, 1, false);
+    send(&mut run, &mut outcome, &clamping(0, [1, 2, 3]), 1);
+    let kind = FaultKind::BlockCountMismatch {
+        expected: 6,
+        got: 5,
+    };
+    run.fault(&kind, &mut |d| outcome.take(d));
+    assert_eq!(run.taught(), None);
+    says(&mut run, &mut outcome, 2, false);
+    send(&mut run, &mut outcome, &clamping(1, [1, 2, 3]), 2);
+    assert_eq!(outcome.summary().last().unwrap(), "OK");
+    assert!(run.taught().is_some());
+}
+
+/// A host asks in place of two lines that were in doubt, and the line is still in the program: it asks for the same.
+#[test]
+fn a_host_may_ask_while_the_line_is_still_in_the_program() {
+    let mut asked = with_ids(job());
+    asked.teach = Teach::Asked;
+    let mut run = Run::new(asked);
+    let mut outcome = Outcome::default();
+    for of_run in [1, 2] {
+        says(&mut run, &mut outcome, of_run, false);
+        send(
+            &mut run,
+            &mut outcome,
+            &clamping(of_run as usize - 1, [1, 2, 3]),
+            of_run,
+        );
+    }
+    let what = TeachWhat::Reference;
+    let taken = run.teach(Micros(9), HOST, what, &mut |d| outcome.take(d));
+    assert_eq!(taken, Ok(()));
+    says(&mut run, &mut outcome, 3, false);
+    send(&mut run, &mut outcome, &clamping(2, [1, 2, 3]), 3);
+    assert_eq!(outcome.summary()[2], "OK");
 }
 
 /// A job that the first setup teaches would be taught by the next one, wherever it stands, if a reference were
