@@ -17,8 +17,14 @@ use umi_client::session::DecisionRecord;
 /// The control's READ: it asks with DC1.
 const DC1: u8 = 0x11;
 
-/// How long a board may think before it sends a program.
+/// How long a board may think before it sends a program, and between two of its characters.
 const PATIENCE: Duration = Duration::from_secs(5);
+
+/// So long nothing comes any more of a program that somebody has broken off.
+const SILENCE: Duration = Duration::from_millis(100);
+
+/// No board sends longer programs.
+const LONGEST: usize = 1 << 20;
 
 /// Where the wires lead.
 pub enum Peer {
@@ -33,10 +39,25 @@ pub enum Peer {
 }
 
 /// A serial line of this computer.
-pub trait ControlLine: std::io::Read + std::io::Write {}
+pub trait ControlLine: std::io::Read + std::io::Write {
+    /// How long a read waits for the next byte.
+    ///
+    /// # Errors
+    /// The line's.
+    fn wait(&mut self, patience: Duration) -> std::io::Result<()>;
+}
 
-impl ControlLine for Box<dyn SerialPort> {}
-impl ControlLine for TcpStream {}
+impl ControlLine for Box<dyn SerialPort> {
+    fn wait(&mut self, patience: Duration) -> std::io::Result<()> {
+        Ok(self.set_timeout(patience)?)
+    }
+}
+
+impl ControlLine for TcpStream {
+    fn wait(&mut self, patience: Duration) -> std::io::Result<()> {
+        self.set_read_timeout(Some(patience))
+    }
+}
 
 /// The machine's end of the wires.
 pub struct Wiring {
@@ -225,30 +246,59 @@ impl Wires for Wiring {
     }
 }
 
-/// From one % to the end of the other's line: what is left of it would be taken for the beginning of the next program.
-fn is_whole(program: &str) -> bool {
-    let ends = program.trim_end().ends_with("\n%") && program.ends_with('\n');
-    ends && program.matches('%').count() > 1
+/// The program in what has come, if all of it has: from the % in front of its first line to the end of the line with the
+/// last one. What a program that was broken off has left in the line stands before; it may end with a % itself.
+fn whole(come: &str) -> Option<&str> {
+    let mut at = 0;
+    let mut before = "";
+    let mut begin = None;
+    for line in come.split_inclusive('\n') {
+        let said = line.trim();
+        match begin {
+            None if before.ends_with('%') && !matches!(said, "" | "%") => begin = Some(at - 1),
+            Some(_) if said == "%" && line.ends_with('\n') => {
+                let begin = come[..begin?].rfind('%')?;
+                return Some(&come[begin..at + line.len()]);
+            }
+            _ => {}
+        }
+        if !said.is_empty() {
+            before = said;
+        }
+        at += line.len();
+    }
+    None
 }
 
 fn read_program(line: &mut dyn ControlLine) -> Result<Option<String>, Problem> {
     let trouble = |error: std::io::Error| Problem::trouble("port", error);
+    let next = |line: &mut dyn ControlLine| {
+        let mut byte = [0];
+        match line.read(&mut byte) {
+            Ok(0) => Ok(None),
+            Ok(_) => Ok(Some(char::from(byte[0] & 0x7F))),
+            Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock) => {
+                Ok(None)
+            }
+            Err(error) => Err(trouble(error)),
+        }
+    };
+    // What still comes is no answer to this READ.
+    line.wait(SILENCE).map_err(trouble)?;
+    let begun = Instant::now();
+    while begun.elapsed() < PATIENCE && next(line)?.is_some() {}
+    line.wait(PATIENCE).map_err(trouble)?;
     line.write_all(&[DC1]).map_err(trouble)?;
     line.flush().map_err(trouble)?;
     let mut program = String::new();
-    let deadline = Instant::now() + PATIENCE;
-    let mut byte = [0];
-    while Instant::now() < deadline {
-        match line.read(&mut byte) {
-            Ok(0) => break,
-            Ok(_) => program.push(char::from(byte[0] & 0x7F)),
-            Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock) => {
-                break;
-            }
-            Err(error) => return Err(trouble(error)),
-        }
-        if is_whole(&program) {
-            return Ok(Some(program));
+    while program.len() < LONGEST
+        && let Some(character) = next(line)?
+    {
+        program.push(character);
+        if character == '\n'
+            && let Some(whole) = whole(&program)
+        {
+            return Ok(Some(whole.to_owned()));
         }
     }
     if program.is_empty() {
@@ -270,7 +320,9 @@ mod tests {
     use std::collections::VecDeque;
     use std::io::{Read, Result, Write};
 
-    use super::{ControlLine, DC1, read_program};
+    use std::time::Duration;
+
+    use super::{ControlLine, DC1, read_program, whole};
 
     /// A board that sends its program at each DC1.
     struct Board(VecDeque<u8>);
@@ -294,7 +346,11 @@ mod tests {
         }
     }
 
-    impl ControlLine for Board {}
+    impl ControlLine for Board {
+        fn wait(&mut self, _patience: Duration) -> Result<()> {
+            Ok(())
+        }
+    }
 
     /// A line end that was left in front of the next program's % would make one of it without a word.
     #[test]
@@ -304,12 +360,27 @@ mod tests {
             assert_eq!(read_program(&mut board).unwrap().as_deref(), Some(PROGRAM));
             assert!(board.0.is_empty());
         }
-        // What was left behind another one's end is no program.
-        board.0.extend(b"\r\n");
-        let read = read_program(&mut board).unwrap();
-        assert_eq!(
-            read.map(|text| text.trim().to_owned()).as_deref(),
-            Some(PROGRAM.trim())
-        );
+        // What waits in the line is of another READ.
+        board.0.extend(PROGRAM.replace("O9010", "O9009").bytes());
+        assert_eq!(read_program(&mut board).unwrap().as_deref(), Some(PROGRAM));
+    }
+
+    /// What comes of a program that was broken off is not taken for the answer: the next READ would get this one's.
+    #[test]
+    fn what_another_program_has_left_is_no_part_of_the_answer() {
+        for rest in [
+            "",
+            "\r\n",
+            "X9.\r\nM99\r\n%\r\n",
+            "%\r\n",
+            "ECTION)\nM99\n%\n\n",
+            "X9.",
+        ] {
+            let come = format!("{rest}{PROGRAM}");
+            assert_eq!(whole(&come), Some(PROGRAM), "{rest:?}");
+            for end in 0..come.len() {
+                assert_eq!(whole(&come[..end]), None, "{rest:?} {end}");
+            }
+        }
     }
 }
