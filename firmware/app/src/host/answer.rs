@@ -311,6 +311,11 @@ fn read<F: Flash>(journal: &mut Archive<F>, seq: u64, acked: u64) -> Response {
             Response::JournalEntry { seq, raw }
         }
         Err(JournalError::OutOfRange { .. }) => Response::JournalNoEntry(info(journal, seq, acked)),
+        Err(JournalError::Record(_)) => {
+            // Where it begins is not known: nothing of it can be shown, and it is none the less there.
+            raw.clear();
+            Response::JournalEntry { seq, raw }
+        }
         Err(_) => Response::StorageFailed,
     }
 }

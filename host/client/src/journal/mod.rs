@@ -178,9 +178,8 @@ fn faulty(fault: &JournalFault) -> Problem {
 }
 
 fn hidden(seq: u64) -> Problem {
-    let message = format!(
-        "damage in the journal before entry {seq} hides the chain value that proves it: start behind the damage with --from, at a later entry"
-    );
+    let message =
+        format!("damage in the journal before entry {seq} hides the chain value that proves it");
     Problem::refused("chain_broken", message).with("seq", seq)
 }
 

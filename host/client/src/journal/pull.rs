@@ -221,7 +221,13 @@ fn begin(
     if !(info.first_seq..=info.next_seq).contains(&first) {
         return Err(gone(first, info));
     }
-    let chain = chain_before(board, first)?.map_err(|info| gone(first, info))?;
+    let chain = match chain_before(board, first) {
+        Ok(chain) => chain.map_err(|info| gone(first, info))?,
+        Err(problem) if problem.code == "chain_broken" => {
+            return Err(with_way_on(board, problem, first));
+        }
+        Err(problem) => return Err(problem),
+    };
     let header = FileHeader {
         first_seq: first,
         chain_before: chain,
@@ -302,7 +308,10 @@ impl Walk {
             match board.journal_read(self.seq).map_err(Problem::from)? {
                 JournalEntry::Stored(raw) => {
                     let (seq, before) = (self.seq, self.chain);
-                    let kind = self.entry(&raw)?.kind;
+                    let kind = match self.entry(&raw) {
+                        Ok(entry) => entry.kind,
+                        Err(problem) => return Err(with_way_on(board, problem, seq).into()),
+                    };
                     self.held.push(HeldEntry {
                         seq,
                         before,
@@ -379,9 +388,8 @@ impl Walk {
     fn entry<'a>(&mut self, raw: &'a [u8]) -> Result<Entry<'a>, Problem> {
         let seq = self.seq;
         let mut entries = EntryIter::new(raw, seq, self.chain);
-        let entry = entries
-            .next()
-            .unwrap_or(Err(JournalFault::CutShort { seq }));
+        // The board shows nothing of what it cannot read itself.
+        let entry = entries.next().unwrap_or(Err(JournalFault::Damaged { seq }));
         let entry = entry.map_err(|fault| faulty(&fault))?;
         if entries.offset() != raw.len() {
             return Err(faulty(&JournalFault::Damaged { seq }));
@@ -415,6 +423,29 @@ impl Walk {
             }
         }
     }
+}
+
+/// With where the board's journal can be read again behind damage in front of `seq` or in it.
+fn with_way_on(board: &mut Client, problem: Problem, seq: u64) -> Problem {
+    let Ok(info) = board.journal_info() else {
+        return problem;
+    };
+    // The chain value is hidden from the damage to the end of its sector.
+    let (mut hidden, mut there) = (seq, info.next_seq);
+    while hidden + 1 < there {
+        let middle = hidden + (there - hidden) / 2;
+        match board.journal_chain(middle) {
+            Ok(JournalChain::Before(_)) => there = middle,
+            Ok(_) => hidden = middle,
+            Err(_) => return problem,
+        }
+    }
+    let message = if there < info.next_seq {
+        format!("{problem}; the board has what stands behind it: pull it with --from {there}")
+    } else {
+        format!("{problem}; nothing behind it can be proven yet")
+    };
+    Problem { message, ..problem }.with("readable_from", there)
 }
 
 /// The board's chain value before an entry; or what there is, if that is not there any more.

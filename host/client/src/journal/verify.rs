@@ -243,7 +243,7 @@ impl Check<'_> {
 fn other_evidence(of: &OtherEvidence) -> Problem {
     let seq = of.seq;
     let message = format!(
-        "the verdicts, corrections and other evidence before entry {seq} are not those of which the board has signed that they were all: a piece was taken out, put in or changed"
+        "the verdicts, corrections and other evidence before entry {seq} are not those of which the board has signed that they were all: a piece was taken out, put in or changed, or the board's memory of them is damaged"
     );
     Problem::refused("head_signature", message).with("seq", seq)
 }

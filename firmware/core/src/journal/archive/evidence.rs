@@ -36,8 +36,19 @@ pub(super) struct Evidence<F: Flash> {
 }
 
 impl<F: Flash> Evidence<F> {
-    pub fn open(flash: F) -> Result<Self, JournalError<F::Error>> {
-        let (ring, _) = Journal::open(flash)?;
+    /// Finds the ring. One that is damaged where it would go on is made anew as long as the journal has everything from
+    /// its first entry on, so that it becomes what it was: its chain would go on from before the damage, and no reader
+    /// could follow it.
+    pub fn open(flash: F, journal: &Journal<F>) -> Result<Self, JournalError<F::Error>> {
+        let (ring, found) = Journal::open(flash)?;
+        let is_damaged = found.chain_restarted || found.damaged_entries > 0;
+        let ring = if is_damaged && ring.first_seq() == 0 && journal.first_seq() == 0 {
+            let mut flash = ring.into_flash();
+            Journal::format(&mut flash)?;
+            Journal::open(flash)?.0
+        } else {
+            ring
+        };
         Ok(Self {
             ring,
             hint: (u64::MAX, 0),

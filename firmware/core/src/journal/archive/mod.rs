@@ -80,7 +80,7 @@ impl<F: Flash> Archive<F> {
         flash: F,
         scratch: &mut [u8; ROOM],
     ) -> Result<(), ArchiveFault<F::Error>> {
-        let mut evidence = Evidence::open(flash)?;
+        let mut evidence = Evidence::open(flash, &self.journal)?;
         evidence.catch_up(&mut self.journal, scratch)?;
         self.evidence.put(evidence);
         Ok(())

@@ -152,6 +152,40 @@ fn a_new_ring_takes_up_what_is_there() {
     assert_eq!(refused, Err(ArchiveFault::OtherJournal));
 }
 
+/// A bit of the ring that has changed, where the journal still has everything: at the next start the ring is what it was,
+/// so that what the board signs is true of what a reader gets.
+#[test]
+fn a_damaged_ring_is_made_anew_from_a_whole_journal() {
+    let mut archive = new();
+    for n in 0..40 {
+        let kind = if n % 3 == 0 { VERDICT } else { NOISE };
+        put(&mut archive, kind, &[n; 60]).unwrap();
+    }
+    let mark = archive.mark().unwrap();
+    let (stream, evidence) = flashes(archive);
+    let used = evidence
+        .data
+        .iter()
+        .rposition(|byte| *byte != 0xFF)
+        .unwrap();
+    let mut random = Random(1);
+    for _ in 0..200 {
+        let mut damaged = evidence.clone();
+        let at = usize::try_from(random.below(used as u64)).unwrap();
+        damaged.data[at] ^= 1 << random.below(8);
+        let (mut archive, _) = Archive::open(stream.clone()).unwrap();
+        if archive.keep_evidence(damaged, &mut [0; ROOM]).is_err() {
+            // Its first header: that it is none is told.
+            continue;
+        }
+        assert_eq!(archive.mark().unwrap(), mark, "byte {at}");
+        put(&mut archive, VERDICT, b"more").unwrap();
+        let found = all(&mut archive);
+        let chain = chain_of(&found, &mut archive);
+        assert_eq!(archive.mark().unwrap().unwrap().chain, chain.0, "byte {at}");
+    }
+}
+
 /// A ring of another history is refused also where the journal has an entry of that number: by what
 /// stands before it, and by what it is itself.
 #[test]

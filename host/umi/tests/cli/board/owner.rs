@@ -145,3 +145,23 @@ fn entries_are_acknowledged() {
     let info = umi(&["info", "--json", "--port", &port]).exits(0).json();
     assert_eq!(info["journal"]["acked_seq"], 1);
 }
+
+/// A bit of the journal's memory has changed: the pull names the entry, and where it goes on behind the damage.
+#[test]
+fn a_board_with_a_damaged_entry_says_where_it_goes_on() {
+    let mut rig = super::access::Rig::new(false);
+    rig.start(false);
+    rig.stop();
+    let flash = rig.folder.path("state/journal.flash");
+    let mut bytes = std::fs::read(&flash).unwrap();
+    // The first sector's first entries.
+    bytes[400] ^= 1;
+    std::fs::write(&flash, bytes).unwrap();
+    rig.start(false);
+    let file = rig.folder.path("journal.umij");
+    let error = rig.run(&["log", "pull", &file]).exits(2).json()["error"].clone();
+    assert_eq!(error["code"], "entry_damaged", "{error}");
+    let from = error["readable_from"].as_u64().unwrap().to_string();
+    let pulled = rig.run(&["log", "pull", &file, "--from", &from, "--force"]);
+    pulled.exits(0);
+}
