@@ -83,6 +83,16 @@ impl RamFlash {
     pub fn new() -> Self {
         Self(Rc::new(RefCell::new(std::vec![0xFF; 4 * 4096])))
     }
+
+    /// What its cells read as.
+    pub fn bytes(&self) -> Vec<u8> {
+        self.0.borrow().clone()
+    }
+
+    /// One whose cells read so.
+    pub fn of(bytes: &[u8]) -> Self {
+        Self(Rc::new(RefCell::new(bytes.to_vec())))
+    }
 }
 
 impl Flash for RamFlash {

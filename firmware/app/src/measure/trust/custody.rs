@@ -6,8 +6,9 @@
 //!
 //! # Limitations
 //!
-//! If the newest entry is damaged at rest, the one before it counts, as in `settings`. If none can
-//! be read where something was, the board takes the strictest configuration and says so.
+//! If the newest entry is damaged at rest, or none can be read where something was, the board takes the
+//! strictest configuration and says so: which one was in force is not known. The one before may have had
+//! no ceilings.
 
 use serde::{Deserialize, Serialize};
 use umi_core::journal::{Flash, Journal, JournalError};
@@ -59,17 +60,17 @@ impl<F: Flash> Custody<F> {
             .filter(|found| found.entry.kind == KIND)
             .and_then(|found| postcard::from_bytes::<Kept>(found.entry.payload).ok())
             .filter(|kept| kept.config.check().is_ok());
-        // A board that is new has lost nothing; nor has one whose first entry was cut.
-        let was_there = newest.is_some() || recovery.damaged_headers > 0;
-        let is_fallback = found.is_none() && was_there;
-        let kept = match found {
-            Some(kept) => kept,
-            None if is_fallback => Kept {
-                config: BoardConfig::strictest(),
-                ..NOTHING_KEPT
-            },
-            None => NOTHING_KEPT,
-        };
+        // A board that is new has lost nothing: its memory is erased. What a power cut leaves of an entry that was
+        // never acknowledged is no damage, either.
+        let is_damaged = recovery.damaged_entries > 0
+            || recovery.chain_restarted
+            || recovery.damaged_headers > 0
+            || (recovery.fresh && recovery.sector_unfinished);
+        let is_fallback = is_damaged || (found.is_none() && newest.is_some());
+        let mut kept = found.unwrap_or(NOTHING_KEPT);
+        if is_fallback {
+            kept.config = BoardConfig::strictest();
+        }
         Ok(Self {
             ring,
             kept,
@@ -190,6 +191,35 @@ mod tests {
         opened.save(Micros(1), configured()).unwrap();
         assert_eq!(opened.fallbacks().len(), 0);
         assert_eq!(Custody::open(flash).unwrap().kept(), &configured());
+    }
+
+    /// A bit that has changed in the newest entry, or a sector that reads as nothing it ever was: which configuration was
+    /// in force is not known, so that it is the strictest, and said. What a power cut has left of an entry is none.
+    #[test]
+    fn damage_is_strict() {
+        let flash = RamFlash::new();
+        let mut opened = Custody::open(flash.clone()).unwrap();
+        opened.save(Micros(1), NOTHING_KEPT).unwrap();
+        opened.save(Micros(2), configured()).unwrap();
+        let whole = flash.bytes();
+        let used = whole.iter().rposition(|byte| *byte != 0xFF).unwrap();
+        let opened_with = |bytes: &[u8]| {
+            Custody::open(RamFlash::of(bytes))
+                .ok()
+                .map(|of| (*of.kept(), of.fallbacks().len()))
+        };
+        assert_eq!(opened_with(&whole), Some((configured(), 0)));
+        for at in used - 20..=used {
+            let mut damaged = whole.clone();
+            damaged[at] ^= 1;
+            let (kept, fallbacks) = opened_with(&damaged).unwrap();
+            assert_eq!(kept.config, BoardConfig::strictest(), "byte {at}");
+            assert_eq!(fallbacks, ConfigField::ALL.len());
+        }
+        let mut zeroed = whole.clone();
+        zeroed[..4096].fill(0);
+        let (kept, _) = opened_with(&zeroed).unwrap();
+        assert_eq!(kept.config, BoardConfig::strictest());
     }
 
     /// Every entry fits.
