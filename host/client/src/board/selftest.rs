@@ -145,7 +145,8 @@ impl SelfTest {
 }
 
 /// Asks for the test with so many restarts of the rings and edges of each input, and waits for its
-/// table, at most `patience` for each row. `progress` sees the table after each line of it.
+/// table, at most `patience` for each row. `progress` sees the table after each line of it. What has come
+/// of the table, and why it is not all: a board that hangs or resets has shown what it is by then.
 ///
 /// # Errors
 /// `no_selftest`: no answer, as of a board with another image; `bad_selftest`; the port's own.
@@ -153,17 +154,30 @@ pub fn run(
     port: &mut dyn Transport,
     (restarts, edges): (u32, u32),
     patience: Duration,
-    mut progress: impl FnMut(&SelfTest),
-) -> Result<SelfTest, Problem> {
-    let broken =
-        |error| Problem::trouble("disconnected", format_args!("the board's port: {error}"));
-    port.write(format!("run {restarts} {edges}\n").as_bytes())
-        .map_err(broken)?;
+    progress: impl FnMut(&SelfTest),
+) -> (SelfTest, Result<(), Problem>) {
     let mut table = SelfTest {
         restarts,
         edges,
         ..SelfTest::default()
     };
+    let whole = fill(&mut table, port, patience, progress);
+    (table, whole)
+}
+
+fn fill(
+    table: &mut SelfTest,
+    port: &mut dyn Transport,
+    patience: Duration,
+    mut progress: impl FnMut(&SelfTest),
+) -> Result<(), Problem> {
+    let broken =
+        |error| Problem::trouble("disconnected", format_args!("the board's port: {error}"));
+    let SelfTest {
+        restarts, edges, ..
+    } = *table;
+    port.write(format!("run {restarts} {edges}\n").as_bytes())
+        .map_err(broken)?;
     let mut line = Vec::new();
     let mut buffer = [0; 512];
     let mut latest = Instant::now();
@@ -197,9 +211,9 @@ pub fn run(
             let text = String::from_utf8_lossy(&line).into_owned();
             line.clear();
             if table.take(&text)? {
-                return Ok(table);
+                return Ok(());
             }
-            progress(&table);
+            progress(table);
         }
     }
 }

@@ -8,6 +8,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 use umi_client::board::port;
 use umi_client::board::selftest::{self, SelfTest};
+use umi_client::problem::Problem;
 
 use crate::cmd::{Board, Format};
 use crate::failure::Failure;
@@ -29,7 +30,9 @@ encoder, skip, trigger and index pins: nothing may be connected to them. It pani
 on purpose, so it takes two seconds until its port is there. A Nucleo's is `selftest-nucleo`: by a
 debug probe, with eight jumpers.
 
-Exit status: 0 all rows pass, 1 usage or connection, 2 a row fails.")]
+A test that stands still or is cut keeps what has come of its table: `complete` is false.
+
+Exit status: 0 all rows pass, 1 usage or connection, 2 a row fails or the table is not complete.")]
 pub(crate) struct Selftest {
     #[command(flatten)]
     board: Board,
@@ -66,15 +69,18 @@ impl Selftest {
             .with_message("waiting for the board's first row");
         bar.enable_steady_tick(Duration::from_millis(200));
         let asked = (self.restarts, self.edges);
-        let table = selftest::run(port.as_mut(), asked, patience, |table| {
+        let (table, whole) = selftest::run(port.as_mut(), asked, patience, |table| {
             if let Some(row) = table.rows.last() {
                 let name = printable(row.name.as_bytes());
                 bar.set_message(format!("{} rows, the last: {name}", table.rows.len()));
             }
         });
         bar.finish_and_clear();
-        let table = table?;
-        let told = told(&table);
+        let missing = match whole {
+            Err(problem) if table.rows.is_empty() => return Err(problem.into()),
+            whole => whole.err(),
+        };
+        let told = told(&table, missing.as_ref());
         if let Some(output) = &self.output {
             let text = format!("{told:#}\n");
             self.force.write(output, &[], text.as_bytes())?;
@@ -82,10 +88,10 @@ impl Selftest {
         if self.format.json {
             print_json(&told)?;
         } else {
-            show(&table)?;
+            show(&table, missing.as_ref())?;
         }
-        match table.failed().count() {
-            0 => Ok(()),
+        match (missing, table.failed().count()) {
+            (None, 0) => Ok(()),
             _ => Err(Failure::Negative),
         }
     }
@@ -96,13 +102,18 @@ fn style() -> ProgressStyle {
         .unwrap_or_else(|_| ProgressStyle::default_spinner())
 }
 
-fn told(table: &SelfTest) -> Value {
+/// What has come, and why it is not all.
+fn told(table: &SelfTest, missing: Option<&Problem>) -> Value {
     let mut told = json!(table);
-    told["passed"] = json!(table.failed().count() == 0);
+    told["complete"] = json!(missing.is_none());
+    told["passed"] = json!(missing.is_none() && table.failed().count() == 0);
+    if let Some(missing) = missing {
+        told["error"] = missing.json()["error"].clone();
+    }
     told
 }
 
-fn show(table: &SelfTest) -> Result<(), Failure> {
+fn show(table: &SelfTest, missing: Option<&Problem>) -> Result<(), Failure> {
     let mut rows = Table::new("<>>< ").titles(&["", "promised", "measured", "", ""]);
     for row in &table.rows {
         let (style, says) = match row.passed {
@@ -118,9 +129,14 @@ fn show(table: &SelfTest) -> Result<(), Failure> {
         ]);
     }
     print(&format!("{rows}"))?;
-    let says = match table.failed().count() {
-        0 => paint(GOOD, format!("all {} rows pass", table.rows.len())),
-        failed => paint(BAD, format!("{failed} of {} rows fail", table.rows.len())),
+    let rows = table.rows.len();
+    let says = match (missing, table.failed().count()) {
+        (Some(missing), failed) => paint(
+            BAD,
+            format!("not to its end: {failed} of the {rows} rows that came fail, then {missing}"),
+        ),
+        (None, 0) => paint(GOOD, format!("all {rows} rows pass")),
+        (None, failed) => paint(BAD, format!("{failed} of {rows} rows fail")),
     };
     print(&format!(
         "\n{}, firmware {}: {says}\n",

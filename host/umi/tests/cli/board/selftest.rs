@@ -72,7 +72,6 @@ fn what_is_wrong_is_said() {
     let answers = [
         (String::new(), "the board's port"),
         ("hello\n".into(), "no line of a self-test"),
-        (format!("{PASSES}end\t2\t0\n"), "rows are missing"),
         (PASSES.replace("pass", "fail"), "verdict"),
     ];
     for (answer, says) in answers {
@@ -80,5 +79,43 @@ fn what_is_wrong_is_said() {
         umi(&["selftest", "--port", &address, "--seconds", "1"])
             .exits(1)
             .says(says);
+    }
+}
+
+/// A board that hangs, resets or is unplugged has shown what it is by then: that is kept, and is no pass.
+#[test]
+fn what_has_come_of_a_table_is_kept() {
+    let folder = Folder::new();
+    let row = "row\ttheir instants\t<= 3000\t3001\tns off\tfail\n";
+    for (k, (answer, rows, says)) in [
+        (PASSES.to_owned(), 1, "the board's port"),
+        (format!("{PASSES}{row}"), 2, "the board's port"),
+        (format!("{PASSES}end\t2\t0\n"), 1, "rows are missing"),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let file = folder.path(&format!("{k}.json"));
+        let (address, _) = port(answer);
+        let ran = umi(&[
+            "selftest",
+            "--port",
+            &address,
+            "--seconds",
+            "1",
+            "-o",
+            &file,
+        ])
+        .exits(2);
+        assert!(ran.out.contains("not to its end"), "{}", ran.out);
+        assert!(ran.out.contains(says), "{}", ran.out);
+        let text = std::fs::read_to_string(&file).unwrap();
+        let kept: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(kept["rows"].as_array().unwrap().len(), rows);
+        assert_eq!(
+            (&kept["complete"], &kept["passed"]),
+            (&false.into(), &false.into())
+        );
+        assert!(kept["error"]["message"].as_str().unwrap().contains(says));
     }
 }
