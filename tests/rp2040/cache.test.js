@@ -2,7 +2,7 @@
 
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
-import { Cache, CacheControl, LINE_CYCLES } from './cache.js';
+import { Cache, CacheControl, LINE_CYCLES, WORD_CYCLES } from './cache.js';
 
 const FLASH = 0x10000000;
 /** So far apart two addresses share a set. */
@@ -19,6 +19,22 @@ test('a line of eight bytes costs once', () => {
   assert.deepEqual(cache.total, { hits: 4, misses: 2 });
   cache.flush();
   assert.equal(cache.read(FLASH), LINE_CYCLES);
+});
+
+test('words that come one by one cost each, and go with their line', () => {
+  const cache = new Cache();
+  cache.byWords(true);
+  assert.equal(WORD_CYCLES, 44);
+  for (const [address, cycles] of [[0, 44], [3, 0], [4, 44], [7, 0], [0, 0], [12, 44], [8, 44]]) {
+    assert.equal(cache.read(FLASH + address), cycles, address);
+  }
+  // Two others in its set: both words of the first are gone.
+  for (const way of [1, 2]) assert.equal(cache.read(FLASH + way * WAY), 44);
+  assert.deepEqual([0, 4, 0].map((at) => cache.read(FLASH + at)), [44, 44, 0]);
+  assert.equal(cache.fetch(FLASH + 4), 0);
+  assert.equal(cache.latest, (FLASH + 4) >>> 2);
+  cache.byWords(false);
+  assert.equal(cache.read(FLASH), 56);
 });
 
 test('of three lines for two ways the one used longest ago goes', () => {

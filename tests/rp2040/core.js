@@ -298,7 +298,7 @@ export class Core {
       const pc = r[15] & ~1;
       let op;
       if (pc >>> 24 === 0x10) {
-        if (pc >>> 3 !== cache.latest) chip.now += cache.fetch(pc);
+        if (pc >>> cache.shift !== cache.latest) chip.now += cache.fetch(pc);
         op = flash16[(pc & 0xffffff) >> 1];
       } else if (pc >>> 24 === 0x20) op = sram16[(pc & 0xfffff) >> 1];
       else if (chip.rom?.call(pc, r)) continue;
@@ -652,7 +652,7 @@ export class Core {
   wide(pc, op) {
     const { core: c, registers: r } = this;
     // Its second half may stand in the next line.
-    if (pc >>> 24 === 0x10 && (pc + 2) >>> 3 !== this.cache.latest) {
+    if (pc >>> 24 === 0x10 && (pc + 2) >>> this.cache.shift !== this.cache.latest) {
       this.chip.now += this.cache.fetch(pc + 2);
     }
     const second =

@@ -46,7 +46,7 @@
 // | time       |                                        | cycle, and at it timer_us, the chip's own microsecond timer; began: the cycle at which the chip came out of reset, and with it that timer |
 // | interrupts |                                        | rows since asked last: number, how many, longest wait from request to entry, longest run, in cycles |
 // | crash      |                                        | the core has a HardFault; answers cycle |
-// | cache      | line_cycles                            | what a line of the flash costs the core from now on (cache.js; 0: nothing); answers hits and misses since asked last |
+// | cache      | line_cycles, words                     | what a line of the flash costs the core from now on (cache.js; 0: nothing), or whether its words come one by one; answers hits and misses since asked last |
 // | dma_hold   | cycles                                 | the bus is taken: no channel gets a transfer for so long |
 
 import { readFileSync } from 'node:fs';
@@ -319,6 +319,7 @@ class Bench {
         if (chip === null) throw new Error('the board has no power');
         const { cache } = chip.core;
         const { hits, misses } = cache.takeCounts();
+        if (request.words !== undefined) cache.byWords(request.words);
         cache.lineCycles = request.line_cycles ?? cache.lineCycles;
         return { hits, misses, line_cycles: cache.lineCycles };
       }
