@@ -22,10 +22,72 @@ pub struct LineScan {
     /// Where its data channel is, as `host:port`.
     pub address: String,
     shots: Sender<Shot>,
-    every_us: f64,
+    rhythm: Rhythm,
     /// Pulses of its own so far.
     own: u32,
     tally: Arc<Mutex<ScannerTally>>,
+}
+
+/// What makes the sensor expose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Rhythm {
+    /// The board's pulses.
+    Board,
+    /// So many microseconds of its own.
+    Time(f64),
+    /// So many counts of the axis that its encoder input sees.
+    Counts { axis: usize, every: i64 },
+}
+
+impl Rhythm {
+    fn of(spec: &LineScannerSpec) -> Self {
+        if spec.every_us > 0.0 {
+            Self::Time(spec.every_us)
+        } else if spec.every_counts > 0 {
+            Self::Counts {
+                axis: usize::from(spec.encoder_axis),
+                every: i64::from(spec.every_counts),
+            }
+        } else {
+            Self::Board
+        }
+    }
+
+    /// The moments, in microseconds, at which it exposes by itself while the axes go from one place to the next.
+    fn moments(self, from: (u64, AxisCounts), to: (u64, AxisCounts)) -> Vec<f64> {
+        let (begin, end) = (from.0 as f64, to.0 as f64);
+        match self {
+            Self::Board => Vec::new(),
+            Self::Time(every_us) => {
+                let first = (begin / every_us).floor() + 1.0;
+                let lines = (0..).map(|k| (first + f64::from(k)) * every_us);
+                lines.take_while(|at_us| *at_us <= end).collect()
+            }
+            Self::Counts { axis, every } => {
+                let at = |counts: &AxisCounts| counts.all.get(axis).copied().unwrap_or(0);
+                let (a, b) = (at(&from.1), at(&to.1));
+                let (forth, low, high) = (b > a, a.min(b), a.max(b));
+                // The mark that it stands on was passed before.
+                let first = if forth {
+                    low.div_euclid(every) + 1
+                } else {
+                    -(-low).div_euclid(every)
+                };
+                let last = if forth {
+                    high.div_euclid(every)
+                } else {
+                    -(-high).div_euclid(every) - 1
+                };
+                let moment = |mark: i64| {
+                    let share = (mark * every - a) as f64 / (b - a) as f64;
+                    begin + share * (end - begin)
+                };
+                let mut moments: Vec<f64> = (first..=last).map(moment).collect();
+                moments.sort_by(f64::total_cmp);
+                moments
+            }
+        }
+    }
 }
 
 impl LineScan {
@@ -46,7 +108,7 @@ impl LineScan {
         let address = channel_out.address.clone();
         let (shots, incoming) = channel();
         let tally = Arc::default();
-        let every_us = spec.every_us;
+        let rhythm = Rhythm::of(&spec);
         let sensor = Sensor {
             scanner: LineScanner::new(spec, seed),
             scene: scene.clone(),
@@ -60,7 +122,7 @@ impl LineScan {
         Ok(Self {
             address,
             shots,
-            every_us,
+            rhythm,
             own: 0,
             tally,
         })
@@ -81,7 +143,7 @@ impl LineScan {
         sent: &SentPulses,
     ) -> Vec<LatchReport> {
         let speed = speed(from, to);
-        if self.every_us == 0.0 {
+        if self.rhythm == Rhythm::Board {
             // Without counts there was no pulse: it tells of others that could not be sent.
             for latch in sent.latches.iter().filter(|latch| !latch.counts.is_empty()) {
                 self.shoot(rise(latch, sent.pulse, to.1.axes, speed));
@@ -89,9 +151,7 @@ impl LineScan {
             return Vec::new();
         }
         let mut latches = Vec::new();
-        let mut line = (from.0 as f64 / self.every_us).floor() + 1.0;
-        while line * self.every_us <= to.0 as f64 {
-            let at_us = line * self.every_us;
+        for at_us in self.rhythm.moments(from, to) {
             let since = at_us - from.0 as f64;
             let passed = |axis: usize| (speed[axis] * since).round() as i64;
             let counts = AxisCounts {
@@ -113,7 +173,6 @@ impl LineScan {
                 missed: 0,
             });
             self.own = self.own.wrapping_add(1);
-            line += 1.0;
         }
         latches
     }
@@ -218,6 +277,24 @@ mod tests {
         }
         let usual = TriggerPulse::default();
         assert_eq!(tally(&sent(usual.width_us, usual.rests)).taken, 3);
+    }
+
+    /// By its encoder the sensor exposes at each mark that the axis passes, either way, and once at each: also where a stretch
+    /// ends or begins on one.
+    #[test]
+    fn its_encoder_triggers_at_each_mark() {
+        let rhythm = Rhythm::Counts { axis: 1, every: 10 };
+        let at = |us: u64, y: i64| (us, AxisCounts::new([7, y, -3], &[]));
+        let moments = |from, to| rhythm.moments(from, to);
+        assert_eq!(moments(at(0, -15), at(3000, 15)), [500.0, 1500.0, 2500.0]);
+        assert_eq!(moments(at(0, 15), at(3000, -15)), [500.0, 1500.0, 2500.0]);
+        assert_eq!(moments(at(100, 0), at(200, 10)), [200.0]);
+        assert_eq!(moments(at(200, 10), at(300, 20)), [300.0]);
+        assert_eq!(moments(at(300, 20), at(400, 10)), [400.0]);
+        assert!(moments(at(400, 10), at(500, 1)).is_empty());
+        assert!(moments(at(500, 5), at(900, 5)).is_empty());
+        let time = Rhythm::Time(100.0);
+        assert_eq!(time.moments(at(0, 0), at(300, 0)), [100.0, 200.0, 300.0]);
     }
 
     /// With an output that rests high the line rises when the pulse ends, and the axes have moved.

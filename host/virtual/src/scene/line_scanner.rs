@@ -54,6 +54,8 @@ pub struct LineScannerSpec {
     /// The sensor's own rhythm, with a pulse to the board at each exposure; 0: the board
     /// triggers.
     pub every_us: f64,
+    /// The same by its encoder input: an exposure each time that it has counted so many, either way; 0: not so.
+    pub every_counts: u32,
     /// What the sensor's clock shows when the board's shows 0.
     pub clock_offset_us: f64,
     /// How much faster the sensor's clock runs.
@@ -102,6 +104,7 @@ impl LineScannerSpec {
             busy_us: 1000.0,
             least_pulse_us: 20.0,
             every_us: 0.0,
+            every_counts: 0,
             clock_offset_us: 0.0,
             clock_drift_ppm: 0.0,
             encoder_axis: 255,
@@ -188,6 +191,12 @@ impl LineScannerSpec {
         if self.every_us > 0.0 && self.every_us < 20.0 {
             return refuse("`line_scanner.every_us` is 20 or more; 0: the board triggers".into());
         }
+        if self.every_counts > 0 && (self.every_us > 0.0 || self.encoder_axis == 255) {
+            return refuse(
+                "`line_scanner.every_counts` needs an `encoder_axis`, and no `every_us` beside it"
+                    .into(),
+            );
+        }
         Ok(())
     }
 }
@@ -216,6 +225,7 @@ struct Text {
     busy_us: Option<f64>,
     least_pulse_us: Option<f64>,
     every_us: Option<f64>,
+    every_counts: Option<u32>,
     clock_offset_us: Option<f64>,
     clock_drift_ppm: Option<f64>,
     encoder_axis: Option<u8>,
@@ -254,6 +264,7 @@ impl<'de> Deserialize<'de> for LineScannerSpec {
             busy_us: text.busy_us.unwrap_or(of.busy_us),
             least_pulse_us: text.least_pulse_us.unwrap_or(of.least_pulse_us),
             every_us: text.every_us.unwrap_or(of.every_us),
+            every_counts: text.every_counts.unwrap_or(of.every_counts),
             clock_offset_us: text.clock_offset_us.unwrap_or(of.clock_offset_us),
             clock_drift_ppm: text.clock_drift_ppm.unwrap_or(of.clock_drift_ppm),
             encoder_axis: text.encoder_axis.unwrap_or(of.encoder_axis),

@@ -13,7 +13,7 @@ const FAR_MM: f64 = 1e5;
 
 /// Name, least and largest value; `*` stands for any name. Of a list, each number is
 /// meant.
-const RANGES: [(&str, f64, f64); 106] = [
+const RANGES: [(&str, f64, f64); 107] = [
     ("machine.travel_min_mm", -FAR_MM, FAR_MM),
     ("machine.travel_max_mm", -FAR_MM, FAR_MM),
     ("machine.reference_mm", -FAR_MM, FAR_MM),
@@ -109,6 +109,7 @@ const RANGES: [(&str, f64, f64); 106] = [
     ("line_scanner.busy_us", 0.0, 1e7),
     ("line_scanner.least_pulse_us", 0.0, 1e6),
     ("line_scanner.every_us", 0.0, 1e9),
+    ("line_scanner.every_counts", 0.0, 1e9),
     ("line_scanner.clock_offset_us", 0.0, 1e15),
     ("line_scanner.clock_drift_ppm", -1e4, 1e4),
     ("line_scanner.encoder_axis", 0.0, 255.0),

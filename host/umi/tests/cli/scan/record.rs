@@ -95,6 +95,11 @@ fn a_scan_is_recorded_paired_and_merged() {
             &["--encoder", "y", "--jitter-us", "30", "--drift-ppm", "100"][..],
             "trigger",
         ),
+        (
+            "lost_share = 0.02\nevery_counts = 1600\nencoder_axis = 1",
+            &["--encoder", "y", "--jitter-us", "30", "--drift-ppm", "100"][..],
+            "trigger",
+        ),
     ] {
         let folder = Folder::new();
         let scene = folder.file("scene.toml", scene(more));
