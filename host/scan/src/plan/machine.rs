@@ -207,22 +207,24 @@ impl PlanMachine {
 
     /// Machine from part, at these angles (table, head, S).
     fn table_at(&self, angles: &[f64]) -> Pose {
-        let joints = &self.chain.joints[3..];
-        (0..self.table.len())
-            .fold(Pose::identity(), |pose, k| {
-                pose.after(&joints[k].transform(angles[k]))
-            })
+        self.turned_by(0..self.table.len(), angles)
             .after(&self.chain.workpiece)
     }
 
     /// Carriage from the sensor's frame, at these angles.
     fn head_at(&self, angles: &[f64]) -> Pose {
-        let joints = &self.chain.joints[3..];
-        (self.table.len()..joints.len())
-            .fold(Pose::identity(), |pose, k| {
-                pose.after(&joints[k].transform(angles[k]))
-            })
+        self.turned_by(self.table.len()..self.chain.joints.len() - 3, angles)
             .after(&self.chain.sensor)
+    }
+
+    /// Rotary axes one behind the other; an axis at zero turns nothing.
+    fn turned_by(&self, places: std::ops::Range<usize>, angles: &[f64]) -> Pose {
+        let joints = &self.chain.joints[3..];
+        let turning = places.filter(|k| angles[*k] != 0.0);
+        turning
+            .map(|k| joints[k].transform(angles[k]))
+            .reduce(|pose, next| pose.after(&next))
+            .unwrap_or_else(Pose::identity)
     }
 
     /// The sensor's pose in the part file's frame. `axes` are as many as [`Self::names`].

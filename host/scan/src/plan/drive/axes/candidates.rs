@@ -126,31 +126,31 @@ impl Driver<'_> {
     }
 
     /// The same pointing by whole turns of each aiming joint, within the limits.
-    fn whole_turns(&self, angles: Vec<f64>, mut each: impl FnMut(Vec<f64>)) {
+    fn whole_turns(&self, mut angles: Vec<f64>, mut each: impl FnMut(Vec<f64>)) {
         let turns = |angle: f64, [low, high]: [f64; 2]| {
             let first = ((low - 1e-9 - angle) / 360.0).ceil();
             let last = ((high + 1e-9 - angle) / 360.0).floor();
             (first, last)
         };
+        let within = |angle: f64, [low, high]: [f64; 2]| angle.clamp(low, high);
+        // Nearly always each angle stands alone, within its limits.
+        let alone = |(place, turn): &(usize, ChainRotation)| {
+            turns(angles[*place], turn.limits_deg) == (0.0, 0.0)
+        };
+        if self.aiming.iter().all(alone) {
+            for (place, turn) in &self.aiming {
+                angles[*place] = within(angles[*place], turn.limits_deg);
+            }
+            return each(angles);
+        }
         let mut sets = vec![angles];
         for (place, turn) in &self.aiming {
-            // Nearly always the angle stands alone, within its limits.
-            if sets
-                .iter()
-                .all(|set| turns(set[*place], turn.limits_deg) == (0.0, 0.0))
-            {
-                for set in &mut sets {
-                    set[*place] = set[*place].clamp(turn.limits_deg[0], turn.limits_deg[1]);
-                }
-                continue;
-            }
             let mut more = Vec::new();
             for set in &sets {
                 let (mut k, last) = turns(set[*place], turn.limits_deg);
                 while k <= last && more.len() < 64 {
                     let mut other = set.clone();
-                    other[*place] =
-                        (set[*place] + 360.0 * k).clamp(turn.limits_deg[0], turn.limits_deg[1]);
+                    other[*place] = within(set[*place] + 360.0 * k, turn.limits_deg);
                     more.push(other);
                     k += 1.0;
                 }
@@ -173,8 +173,7 @@ impl Driver<'_> {
     ) -> Option<f64> {
         let stand = self.machine.stand(angles);
         let (beam, zero_line) = (stand.beam(), stand.line());
-        let tilt = angle_deg(&beam, &-point.normal);
-        if tilt > self.tilt_deg {
+        if !self.within_tilt(&beam, &point.normal) {
             return None;
         }
         let off = angle_deg(&beam, wanted);

@@ -109,6 +109,7 @@ pub struct Driver<'a> {
     limits: Vec<[f64; 2]>,
     spindle: bool,
     tilt_deg: f64,
+    tilt_cos: f64,
     turn_deg: f64,
     deadline: Option<Deadline>,
 }
@@ -132,6 +133,8 @@ impl<'a> Driver<'a> {
     /// Looks the machine through once.
     pub fn new(spec: &'a ScanSpec) -> Self {
         let machine = &spec.machine;
+        // Facets differ from the smoothed normal by about this much.
+        let tilt_deg = (spec.plan.max_tilt_deg - 0.6).max(spec.plan.max_tilt_deg * 0.8);
         let mut driver = Driver {
             spec,
             machine,
@@ -146,8 +149,8 @@ impl<'a> Driver<'a> {
             raster: Vec::new(),
             limits: machine.limits()[3..].to_vec(),
             spindle: machine.line_by_spindle(),
-            // Facets differ from the smoothed normal by about this much.
-            tilt_deg: (spec.plan.max_tilt_deg - 0.6).max(spec.plan.max_tilt_deg * 0.8),
+            tilt_deg,
+            tilt_cos: tilt_deg.to_radians().cos(),
             turn_deg: spec.plan.max_turn_deg * TURN_SHARE,
             deadline: None,
         };
@@ -190,7 +193,9 @@ impl<'a> Driver<'a> {
 
     /// Is a beam near enough to the normal?
     pub fn within_tilt(&self, beam: &Vector3<f64>, normal: &Vector3<f64>) -> bool {
-        angle_deg(beam, &-normal) <= self.tilt_deg
+        // An arc tangent only where the cosine is too near to tell.
+        let over = -beam.dot(normal) - self.tilt_cos;
+        over > 1e-9 || (over > -1e-9 && angle_deg(beam, &-normal) <= self.tilt_deg)
     }
 
     /// Axis values along a run.

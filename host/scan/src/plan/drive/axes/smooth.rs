@@ -1,7 +1,7 @@
 //! The steps of the candidates' raster are taken out.
 
 use super::super::super::course::RunPoint;
-use super::{Driver, Stance, angle_deg};
+use super::{Driver, Stance};
 
 impl Driver<'_> {
     /// Smooths as much as the largest turn and the travel allow.
@@ -49,8 +49,9 @@ impl Driver<'_> {
         if self.aiming.is_empty() || (!self.spindle && self.aiming.len() > 2) || rows.len() < 3 {
             return;
         }
-        let tilt =
-            |angles: &[f64], k: usize| angle_deg(&self.machine.beam(angles), &-points[k].normal);
+        let leans_too_far = |angles: &[f64], k: usize| {
+            !self.within_tilt(&self.machine.beam(angles), &points[k].normal)
+        };
         let rough = rows.windows(3).any(|w| {
             self.aiming
                 .iter()
@@ -69,7 +70,7 @@ impl Driver<'_> {
                     let before = rows[k][*p];
                     rows[k][*p] = (before + 0.5 * (mean - before))
                         .clamp(turn.limits_deg[0], turn.limits_deg[1]);
-                    if tilt(&rows[k], k) > self.tilt_deg {
+                    if leans_too_far(&rows[k], k) {
                         rows[k][*p] = before;
                     }
                 }
