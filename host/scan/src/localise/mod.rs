@@ -4,6 +4,7 @@ pub mod fiducials;
 mod fit;
 pub mod scans;
 mod search;
+mod size;
 #[cfg(test)]
 mod tests;
 mod uncertainty;
@@ -174,6 +175,12 @@ impl LocaliseTask<'_> {
             self.groups,
         )
         .widened(spread(self.points, &measured, &on_part, sigma, self.groups));
+        // Without a kernel no point is left out, so none is astray by the size.
+        let certainty = if kernel == Kernel::None {
+            certainty
+        } else {
+            self.sized(surface, &settled.motion, sigma, certainty)
+        };
         let on = on_part.iter().map(|&i| (i, measured[i].distance_mm));
         let mut located =
             self.judged(&settled.motion, sigma, certainty, on.collect(), Vec::new())?;
@@ -248,64 +255,6 @@ impl LocaliseTask<'_> {
             on.map(|k| (about[k], measured[k].distance_mm)).collect()
         };
         self.judged(&motion, sigma, certainty, on, symmetries)
-    }
-
-    /// The scale by a fit of all seven, where it may be off: the pose alone takes the ends of a part that is too large for
-    /// stray points, and they say most of the scale. One that explains no more, or no better, changes nothing.
-    fn sized(
-        &self,
-        surface: &CompositeSurface,
-        motion: &Pose,
-        sigma: f64,
-        six: Certainty,
-    ) -> Certainty {
-        let off = (six.scale - 1.0).abs();
-        if off * 1e6 < MAYBE * self.scale_limit_ppm || off > SIZE || !six.u_scale.is_finite() {
-            return six;
-        }
-        let diagonal = self.model.diagonal_mm();
-        let mut reach = f64::max(3.0 * off * diagonal, 10.0 * sigma);
-        let about = self.within(surface, motion, reach);
-        let few = pairs::spread(about.len(), SIZED);
-        let points: Vec<Vec3> = few.iter().map(|&k| self.points[about[k]]).collect();
-        let of: Vec<usize> = few.iter().map(|&k| self.groups.of(about[k])).collect();
-        let groups = Groups {
-            of: &of,
-            ..self.groups
-        };
-        let limit = fit::INLIER * sigma;
-        let there = solve::measure_within(surface, &points, motion, &[], limit, self.threads);
-        let before = near(&there, limit).len();
-        let (mut scale, mut motion) = (six.scale, *motion);
-        let mut moves = true;
-        for round in 1..=ROUNDS {
-            let shrunk: Vec<Vec3> = points
-                .iter()
-                .map(|q| six.about_mm + (q - six.about_mm) / scale)
-                .collect();
-            let settled = fit::robust(surface, &shrunk, reach, 5, self.threads).solve(&motion);
-            motion = settled.motion;
-            let there = settled.measured;
-            let noise = fit::noise(&there, reach).max(diagonal * 1e-7);
-            let narrow = fit::TUKEY * noise;
-            let last = reach <= narrow && !moves || round == ROUNDS;
-            let on = near(&there, if last { fit::INLIER * noise } else { reach });
-            let seven = uncertainty::certainty(&shrunk, &there, &on, &motion, noise, groups);
-            // What was made smaller by s, and is s' too large then, is too large by both.
-            scale *= seven.scale;
-            if last {
-                let better = noise <= sigma && on.len() >= before && seven.free.is_empty();
-                let seven = seven.widened(spread(&shrunk, &there, &on, noise, groups));
-                return Certainty {
-                    scale: if better { scale } else { six.scale },
-                    u_scale: if better { seven.u_scale } else { six.u_scale },
-                    ..six
-                };
-            }
-            moves = (seven.scale - 1.0).abs() > (0.1 * seven.u_scale).max(1e-7);
-            reach = (NARROWER * reach).max(narrow).min(reach);
-        }
-        six
     }
 
     /// The points in the part's box, widened by `limit` mm.
@@ -441,26 +390,24 @@ fn verdict_reasons(
     }
     let c = &located.certainty;
     let off_ppm = (c.scale - 1.0) * 1e6;
-    if off_ppm.abs() > scale_limit_ppm && (c.scale - 1.0).abs() > 4.0 * c.u_scale {
+    if off_ppm.abs() > scale_limit_ppm && c.is_off_size() {
+        let more = match c.by_size {
+            0 => String::new(),
+            more => format!(
+                "; {more} of the points about the {what} lie on it by that size alone, and the pose is not of them"
+            ),
+        };
         reasons.push(ScanError::refused(
             "scale",
             format_args!(
-                "the scan is {:.6} times as large as it should be ({off_ppm:+.0} ppm, limit {scale_limit_ppm} ppm): shrinkage, temperature, or the scanner's calibration",
+                "the scan is {:.6} times as large as it should be ({off_ppm:+.0} ppm, limit {scale_limit_ppm} ppm){more}: \
+                 shrinkage, temperature, or the scanner's calibration",
                 c.scale
             ),
         ));
     }
     reasons
 }
-
-/// A scale off by this share of the limit is looked at anew, with so many points; what is off by more than [`SIZE`] is no
-/// question of a few ppm.
-const MAYBE: f64 = 0.25;
-const SIZED: usize = 20_000;
-const SIZE: f64 = 0.1;
-/// Its kernel becomes so many times as wide with every step.
-const NARROWER: f64 = 0.7;
-const ROUNDS: usize = 30;
 
 /// Of more points on the part than these, so many are fitted to, spread evenly; the covariance is theirs.
 const MANY: usize = 300_000;

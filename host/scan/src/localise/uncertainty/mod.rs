@@ -20,6 +20,9 @@ pub struct Certainty {
     pub scale: f64,
     /// Its standard uncertainty; infinite, with a scale of 1, where the points do not say.
     pub u_scale: f64,
+    /// How many more points lie on the part by that scale than by the pose alone, where they are more than chance. A scale
+    /// that no face holds can show by them, by the edges alone.
+    pub by_size: usize,
     /// How much larger shared errors make the standard uncertainty, at the worst; 1 if neighbours share nothing.
     pub shared: f64,
     /// Motions that the points do not determine: turn (with unit length times the arm) and shift, in the frame of the
@@ -233,6 +236,7 @@ pub(super) fn certainty(
         common: common.iter().map(|all| origin * all).collect(),
         scale,
         u_scale,
+        by_size: 0,
         shared: ratio,
         free,
         about_mm: about,
@@ -268,6 +272,27 @@ impl Certainty {
     pub(super) fn widened(mut self, ratio: f64) -> Self {
         self.cov *= ratio.max(1.0);
         self.u_scale *= ratio.max(1.0).sqrt();
+        self
+    }
+
+    /// The same of bodies that were fitted each by itself: what their points share with each other makes them differ, too.
+    #[must_use]
+    pub(super) fn differing(self, ratio: f64) -> Self {
+        let shared = self.shared * self.shared;
+        self.widened(ratio / shared)
+    }
+
+    /// Whether the scale is surely off: beyond its own doubt, or by the points that it alone explains.
+    pub(super) fn is_off_size(&self) -> bool {
+        self.by_size > 0 || (self.scale - 1.0).abs() > 4.0 * self.u_scale
+    }
+
+    /// With every place moved by up to so many mm, wherever it is.
+    #[must_use]
+    pub(super) fn off_by(mut self, mm: f64) -> Self {
+        for k in 3..6 {
+            self.cov[(k, k)] += mm * mm / 3.0;
+        }
         self
     }
 

@@ -1,0 +1,228 @@
+//! How large the scan is beside the part.
+//!
+//! A pose alone lies on three faces that meet in a corner whatever the size is, and takes all else for stray points: the
+//! better the scan, the fewer of them it needs. So the size is sought with all points that a part of another size would
+//! explain, and the pose of that size is asked how many of them lie on it.
+
+use nalgebra::{SMatrix, SVector, Vector6};
+
+use super::fit::{self, row};
+use super::search::pairs;
+use super::uncertainty::{self, Certainty, Groups};
+use super::{LocaliseTask, near, spread};
+use crate::rigid::{Pose, Vec3, stepped};
+use crate::solve::{Kernel, Measured, measure_within};
+use crate::surface::CompositeSurface;
+
+/// What is off by more than this is no question of a few parts in a thousand.
+const SIZE: f64 = 0.1;
+/// Points that the size is sought with.
+const SIZED: usize = 6000;
+/// How far from the part the points may lie at first, over its diagonal: what clutter spoils from afar, the next one finds.
+const REACHES: [f64; 3] = [0.06, 0.02, 0.006];
+/// The kernel becomes so many times as wide with every round, and so many steps are made in each.
+const NARROWER: f64 = 0.6;
+const STEPS: usize = 3;
+const LAST: usize = 8;
+/// Another size explains more if it does so by this share of the points, by so many times the root of their number, which
+/// is what stray points make of it, and by so many.
+const MORE: f64 = 0.005;
+const CHANCE: f64 = 1.0;
+const LEAST: f64 = 10.0;
+/// What keeps a motion still that nothing holds, over what holds all.
+const STILL: f64 = 1e-9;
+
+/// A size with the pose that goes with it.
+struct Sized {
+    scale: f64,
+    motion: Pose,
+    noise_mm: f64,
+    /// Points on the part.
+    on: usize,
+}
+
+impl LocaliseTask<'_> {
+    /// The certainty with the scale by a fit of all seven, where that explains more of the scan. The pose stays as it is;
+    /// how far the size puts a corner off is in its covariance then.
+    pub(super) fn sized(
+        &self,
+        surface: &CompositeSurface,
+        motion: &Pose,
+        sigma: f64,
+        six: Certainty,
+    ) -> Certainty {
+        if !six.free.is_empty() {
+            return six;
+        }
+        let diagonal = self.model.diagonal_mm();
+        let widest = (REACHES[0] * diagonal).max(10.0 * sigma);
+        let about = self.within(surface, motion, widest);
+        let few = pairs::spread(about.len(), SIZED);
+        let points: Vec<Vec3> = few.iter().map(|&k| self.points[about[k]]).collect();
+        let of: Vec<usize> = few.iter().map(|&k| self.groups.of(about[k])).collect();
+        let groups = Groups {
+            of: &of,
+            ..self.groups
+        };
+        let limit = fit::INLIER * sigma;
+        let there = measure_within(surface, &points, motion, &[], limit, self.threads);
+        let before = near(&there, limit).len();
+        let start = Sized {
+            scale: 1.0,
+            motion: *motion,
+            noise_mm: sigma,
+            on: before,
+        };
+        let mut best: Option<Sized> = None;
+        for (k, share) in REACHES.iter().enumerate() {
+            let reach = share * diagonal;
+            if k > 0 && reach < 10.0 * sigma {
+                break;
+            }
+            let reach = reach.max(10.0 * sigma);
+            let found = self.seven(surface, &points, &six.about_mm, &start, reach, limit);
+            if let Some(found) = found
+                && best.as_ref().is_none_or(|best| found.on > best.on)
+            {
+                best = Some(found);
+            }
+        }
+        let Some(best) = best else {
+            return six;
+        };
+        let all = before as f64;
+        let least = (MORE * all).max(CHANCE * all.sqrt()).max(LEAST);
+        let more = best.on.saturating_sub(before);
+        let is_more = more as f64 > least;
+        if !is_more && (best.noise_mm > sigma || best.on < before) {
+            return six;
+        }
+        let shrunk = shrunk(&points, &six.about_mm, best.scale);
+        let reach = fit::INLIER * best.noise_mm;
+        let there = measure_within(surface, &shrunk, &best.motion, &[], reach, self.threads);
+        let on = near(&there, reach);
+        let noise = best.noise_mm;
+        let seven = uncertainty::certainty(&shrunk, &there, &on, &best.motion, noise, groups)
+            .widened(spread(&shrunk, &there, &on, noise, groups));
+        if !seven.free.is_empty() {
+            return six;
+        }
+        // What was made smaller by s, and is s' too large then, is too large by both.
+        let scale = best.scale * seven.scale;
+        let u_scale = seven.u_scale;
+        // Of what both explain, more points say more.
+        if !is_more && (scale - six.scale).abs() <= 3.0 * u_scale {
+            return six;
+        }
+        let sized = Certainty {
+            scale,
+            u_scale,
+            by_size: if is_more { more } else { 0 },
+            ..six
+        };
+        if !sized.is_off_size() {
+            return sized;
+        }
+        let off = self
+            .model
+            .corners()
+            .iter()
+            .map(|p| {
+                let image = sized.about_mm + (best.motion.point(p) - sized.about_mm) * scale;
+                (image - motion.point(p)).norm()
+            })
+            .fold(0.0, f64::max);
+        sized.off_by(off)
+    }
+
+    /// Pose and size by the points within `reach` mm, which narrows to what the noise leaves. `on` counts what lies within
+    /// `limit` mm.
+    fn seven(
+        &self,
+        surface: &CompositeSurface,
+        points: &[Vec3],
+        about: &Vec3,
+        start: &Sized,
+        reach: f64,
+        limit: f64,
+    ) -> Option<Sized> {
+        let floor = self.model.diagonal_mm() * 1e-7;
+        let (mut scale, mut motion, mut reach) = (start.scale, start.motion, reach);
+        let arm = (self.model.diagonal_mm() / 2.0).max(1e-6);
+        loop {
+            let mut noise = reach;
+            let mut is_last = false;
+            for step in 0..LAST {
+                let there = shrunk(points, about, scale);
+                let measured = measure_within(surface, &there, &motion, &[], reach, self.threads);
+                noise = fit::noise(&measured, reach).max(floor);
+                is_last = fit::TUKEY * noise >= NARROWER * reach;
+                let x = linear(&there, &measured, about, arm, reach)?;
+                let grown = x[6] / arm;
+                scale *= 1.0 + grown;
+                if !scale.is_finite() || (scale - 1.0).abs() > SIZE {
+                    return None;
+                }
+                let turn = [x[0] / arm, x[1] / arm, x[2] / arm];
+                let by = Vector6::new(turn[0], turn[1], turn[2], x[3], x[4], x[5]);
+                motion = stepped(&motion, &by, about);
+                let is_still = x.amax() < 1e-3 * noise;
+                if is_still || !is_last && step + 1 >= STEPS {
+                    break;
+                }
+            }
+            if is_last {
+                let there = shrunk(points, about, scale);
+                let far = reach.max(limit);
+                let measured = measure_within(surface, &there, &motion, &[], far, self.threads);
+                return Some(Sized {
+                    scale,
+                    motion,
+                    noise_mm: noise,
+                    on: near(&measured, limit).len(),
+                });
+            }
+            reach = (NARROWER * reach).max(fit::TUKEY * noise);
+        }
+    }
+}
+
+/// The points, made smaller about a place.
+fn shrunk(points: &[Vec3], about: &Vec3, scale: f64) -> Vec<Vec3> {
+    points.iter().map(|q| about + (q - about) / scale).collect()
+}
+
+/// One step of all seven by Tukey's kernel: turns and the size in units of the arm, and shifts. None without points.
+fn linear(
+    points: &[Vec3],
+    measured: &[Measured],
+    about: &Vec3,
+    arm: f64,
+    reach: f64,
+) -> Option<SVector<f64, 7>> {
+    let kernel = Kernel::Tukey(reach);
+    let mut matrix = SMatrix::<f64, 7, 7>::zeros();
+    let mut right = SVector::<f64, 7>::zeros();
+    for (q, m) in points.iter().zip(measured) {
+        if m.distance_mm.abs() >= reach {
+            continue;
+        }
+        let weight = kernel.weight(m.distance_mm);
+        let r = row(q, m, about, arm);
+        // Of the foot on the model: the point's own noise would look like growth.
+        let foot = q - m.direction * m.distance_mm;
+        let grow = -m.direction.dot(&(foot - about)) / arm;
+        let full = SVector::<f64, 7>::from([r[0], r[1], r[2], r[3], r[4], r[5], grow]);
+        matrix += full * full.transpose() * weight;
+        right -= full * (weight * m.distance_mm);
+    }
+    let trace = matrix.trace();
+    if trace <= 0.0 || !trace.is_finite() {
+        return None;
+    }
+    for k in 0..7 {
+        matrix[(k, k)] += STILL * trace;
+    }
+    let x = matrix.cholesky()?.solve(&right);
+    x.iter().all(|x| x.is_finite()).then_some(x)
+}
