@@ -3,6 +3,7 @@
 //! Stock is the signed distance from the nominal surface to a scanned point: positive is material.
 
 mod borders;
+mod clutter;
 mod demand;
 mod highest;
 mod patches;
@@ -88,7 +89,10 @@ pub struct StockFound {
     pub n_used: usize,
     /// The points that were left out because none near them is like them, by number.
     pub spikes: Vec<usize>,
-    /// Those of them where material is missing, in the frame of the scan (mm), with their stock in mm.
+    /// The points that were left out because they are of other things: they stand off the part by far more than the rest,
+    /// and apart from it. By number.
+    pub clutter: Vec<usize>,
+    /// Those of the spikes where material is missing, in the frame of the scan (mm), with their stock in mm.
     pub below: Vec<(Vec3, f64)>,
     /// Faces that have demands.
     pub faces: Vec<FaceStock>,
@@ -121,16 +125,37 @@ impl StockTask<'_> {
     /// face holds the part.
     pub fn find(&self) -> Result<StockFound, ScanError> {
         if self.points.len() < 6 {
-            return Err(ScanError::refused(
-                "too_few_points",
-                format_args!(
-                    "{} points do not determine where the part is: it takes at least 6, spread over its faces",
-                    self.points.len()
-                ),
-            ));
+            return Err(too_few(self.points.len()));
         }
         demand::check(self.model, self.demands)?;
         let surface = CompositeSurface::from(self.model.clone());
+        let there = measure(&surface, self.points, &self.start, &[], self.threads);
+        let diagonal_mm = self.model.diagonal_mm();
+        let clutter = clutter::find(self.points, &there, diagonal_mm, self.threads);
+        if clutter.is_empty() {
+            return self.of_one_body(&surface);
+        }
+        let own: Vec<usize> = (0..self.points.len())
+            .filter(|i| clutter.binary_search(i).is_err())
+            .collect();
+        let points: Vec<Vec3> = own.iter().map(|&i| self.points[i]).collect();
+        let task = StockTask {
+            points: &points,
+            ..self.clone()
+        };
+        let found = task.of_one_body(&surface)?;
+        Ok(StockFound {
+            spikes: found.spikes.iter().map(|&i| own[i]).collect(),
+            clutter,
+            ..found
+        })
+    }
+
+    /// The best place in a scan without other things.
+    fn of_one_body(&self, surface: &CompositeSurface) -> Result<StockFound, ScanError> {
+        if self.points.len() < 6 {
+            return Err(too_few(self.points.len()));
+        }
         // Turns first in the solvers, shifts first for people.
         let locked: [bool; 6] = std::array::from_fn(|i| self.locked[(i + 3) % 6]);
         let pivot = if locked.contains(&true) {
@@ -138,7 +163,7 @@ impl StockTask<'_> {
         } else {
             middle(self.points)
         };
-        let fit = |points, offset| self.least(&surface, points, locked, pivot, offset);
+        let fit = |points, offset| self.least(surface, points, locked, pivot, offset);
         // Far away all stock is even; the least stock is always near the scan.
         let near = fit(self.points, Offset::Zero).motion;
         let far_mm = FAR * self.model.diagonal_mm();
@@ -162,11 +187,11 @@ impl StockTask<'_> {
         let motion = match self.objective {
             Objective::Balanced => even.motion,
             Objective::LeastSquares => {
-                self.least(&surface, &kept, locked, pivot, Offset::Zero)
+                self.least(surface, &kept, locked, pivot, Offset::Zero)
                     .motion
             }
             Objective::Min => place::Search {
-                surface: &surface,
+                surface,
                 points: &kept,
                 rules: &rules,
                 locked,
@@ -178,10 +203,10 @@ impl StockTask<'_> {
             }
             .best(
                 &even.motion,
-                &self.by_demands(&surface, &kept, (locked, pivot), &rules, &even.motion),
+                &self.by_demands(surface, &kept, (locked, pivot), &rules, &even.motion),
             ),
         };
-        let found = self.judge(&surface, &motion, spikes, &kept, &rules);
+        let found = self.judge(surface, &motion, spikes, &kept, &rules);
         let is_min = self.objective == Objective::Min;
         match place::free_motion(&found.measured, &rules, &locked) {
             Some(away) if is_min => Err(unbounded(&away)),
@@ -317,7 +342,7 @@ impl StockTask<'_> {
             .map(|(_, q, mm)| (q, mm))
             .collect();
         let faces = demand::by_face(self.model, self.demands, rules, &measured);
-        let (unmeasured, bare) = patches::bare(self.model, &measured);
+        let (unmeasured, bare) = patches::bare(self.model, motion, kept, &measured);
         let mut found = StockFound {
             motion: *motion,
             min_mm,
@@ -326,6 +351,7 @@ impl StockTask<'_> {
             margin_mm,
             n_used: kept.len(),
             spikes,
+            clutter: Vec::new(),
             below,
             faces,
             unmeasured,
@@ -442,6 +468,16 @@ impl StockTask<'_> {
         }
         reasons
     }
+}
+
+/// The refusal of so many points.
+fn too_few(count: usize) -> ScanError {
+    ScanError::refused(
+        "too_few_points",
+        format_args!(
+            "{count} points do not determine where the part is: it takes at least 6, spread over its faces"
+        ),
+    )
 }
 
 /// Nothing holds the part against a motion along `away`, in the frame of the scan.

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use crate::rigid::Vec3;
+use crate::rigid::{Pose, Vec3};
 use crate::solve::Measured;
 use crate::surface::{Mesh, Triangle};
 
@@ -13,12 +13,37 @@ pub(super) const SQUARE: f64 = 0.1;
 /// Patches below this share of the area are not judged.
 const LEAST: f64 = 0.01;
 
+/// A foot lies on an edge within this share of the model's size, and beside no face if its direction is the face's normal
+/// but for this much (of the cosine).
+const ON_EDGE: f64 = 1e-6;
+const UPRIGHT: f64 = 1e-9;
+
 /// The share of the area in patches that are not scanned, and the middle of each with its share.
 ///
-/// A patch is connected, and its normals lie within 20 degrees of that of its largest triangle.
-pub(super) fn bare(model: &Mesh, measured: &[Measured]) -> (f64, Vec<(Vec3, f64)>) {
+/// A patch is connected, and its normals lie within 20 degrees of that of its largest triangle. The points over it show it,
+/// not those beyond its edges: a table about the part lies there.
+pub(super) fn bare(
+    model: &Mesh,
+    motion: &Pose,
+    points: &[Vec3],
+    measured: &[Measured],
+) -> (f64, Vec<(Vec3, f64)>) {
     let triangles = model.triangles();
-    let patch_of = patches(triangles);
+    let edges = by_edge(triangles);
+    let patch_of = patches(triangles, &edges);
+    let borders = borders(triangles, &edges, &patch_of);
+    let near = ON_EDGE * model.diagonal_mm();
+    let is_over = |q: &Vec3, m: &Measured| {
+        let t = &triangles[m.face];
+        let direction = motion.rotation.tr_mul(&m.direction);
+        direction.dot(&t.normal).abs() > 1.0 - UPRIGHT || {
+            let foot = motion.undo(q) - direction * m.distance_mm;
+            (0..3).all(|k| {
+                let (a, b) = (t.corners[k], t.corners[(k + 1) % 3]);
+                !borders[m.face][k] || to_edge(&foot, &a, &b) > near
+            })
+        }
+    };
     let count = patch_of.iter().max().map_or(0, |last| last + 1);
     let mut area = vec![0.0; count];
     let mut middle = vec![Vec3::zeros(); count];
@@ -26,15 +51,15 @@ pub(super) fn bare(model: &Mesh, measured: &[Measured]) -> (f64, Vec<(Vec3, f64)
         area[patch] += t.area_mm2;
         middle[patch] += (t.corners[0] + t.corners[1] + t.corners[2]) / 3.0 * t.area_mm2;
     }
-    let mut points = vec![0_usize; count];
-    for m in measured {
-        points[patch_of[m.face]] += 1;
+    let mut over = vec![0_usize; count];
+    for (q, m) in points.iter().zip(measured) {
+        over[patch_of[m.face]] += usize::from(is_over(q, m));
     }
     let all = model.area_mm2();
-    let per_mm2 =
-        (OWNED * measured.len() as f64 / all).max((SQUARE * model.diagonal_mm()).powi(-2));
+    let shown: usize = over.iter().sum();
+    let per_mm2 = (OWNED * shown as f64 / all).max((SQUARE * model.diagonal_mm()).powi(-2));
     let mut bare: Vec<(Vec3, f64)> = (0..count)
-        .filter(|&p| area[p] >= LEAST * all && (points[p] as f64) < per_mm2 * area[p])
+        .filter(|&p| area[p] >= LEAST * all && (over[p] as f64) < per_mm2 * area[p])
         .map(|p| (middle[p] / area[p], area[p] / all))
         .collect();
     bare.sort_by(|a, b| b.1.total_cmp(&a.1));
@@ -44,8 +69,7 @@ pub(super) fn bare(model: &Mesh, measured: &[Measured]) -> (f64, Vec<(Vec3, f64)
 }
 
 /// The number of the patch of each triangle.
-fn patches(triangles: &[Triangle]) -> Vec<usize> {
-    let edges = by_edge(triangles);
+fn patches(triangles: &[Triangle], edges: &HashMap<Edge, Vec<usize>>) -> Vec<usize> {
     let mut order: Vec<usize> = (0..triangles.len()).collect();
     order.sort_by(|&a, &b| {
         triangles[b]
@@ -77,6 +101,35 @@ fn patches(triangles: &[Triangle]) -> Vec<usize> {
         patch += 1;
     }
     patch_of
+}
+
+/// Which edges of each triangle a patch ends at.
+fn borders(
+    triangles: &[Triangle],
+    edges: &HashMap<Edge, Vec<usize>>,
+    patch_of: &[usize],
+) -> Vec<[bool; 3]> {
+    let ends = |i: usize, edge: &Edge| {
+        let beside = edges.get(edge).map_or(&[][..], Vec::as_slice);
+        !beside
+            .iter()
+            .any(|&other| other != i && patch_of[other] == patch_of[i])
+    };
+    let all = triangles.iter().enumerate();
+    all.map(|(i, t)| edges_of(t).map(|edge| ends(i, &edge)))
+        .collect()
+}
+
+/// How far a place is from an edge.
+fn to_edge(p: &Vec3, a: &Vec3, b: &Vec3) -> f64 {
+    let along = b - a;
+    let squared = along.norm_squared();
+    let t = if squared > 0.0 {
+        ((p - a).dot(&along) / squared).clamp(0.0, 1.0)
+    } else {
+        0.0
+    };
+    (a + along * t - p).norm()
 }
 
 type Edge = ([u64; 3], [u64; 3]);

@@ -473,3 +473,87 @@ fn a_scan_of_few_points_leaves_the_surface_unmeasured() {
     let codes: Vec<&str> = found.reasons.iter().map(|r| r.code).collect();
     assert_eq!(codes, ["unmeasured"]);
 }
+
+/// A wall of points across X, about as large as the end of the block.
+fn wall(x: f64, place: &Pose) -> Vec<Vec3> {
+    let at = |i: i32, j: i32| Vec3::new(x, 2.2 * f64::from(i), 1.2 * f64::from(j));
+    let all = (-10..=10).flat_map(|i| (-10..=10).map(move |j| at(i, j)));
+    all.map(|p| place.point(&p)).collect()
+}
+
+/// What stands behind an end that nobody scanned does not show that end, and moves nothing.
+#[test]
+fn a_wall_behind_a_bare_face_shows_nothing_of_it() {
+    let model = block();
+    let stock = [Some(0.6), None, Some(0.6), Some(0.6), Some(0.6), Some(0.6)];
+    let own = raw(stock, &moved());
+    let alone = task(&model, &own).find().unwrap();
+    assert!(alone.reasons.iter().any(|r| r.code == "unmeasured"));
+    for x in [50.0, 90.0, 600.0] {
+        let points = [own.clone(), wall(x, &moved())].concat();
+        let found = task(&model, &points).find().unwrap();
+        let codes: Vec<&str> = found.reasons.iter().map(|r| r.code).collect();
+        assert_eq!(codes, ["unmeasured"], "{x}");
+        assert_eq!(found.clutter.len(), points.len() - own.len(), "{x}");
+        assert_eq!(found.clutter[0], own.len());
+        let apart = found.motion.apart_mm(&alone.motion, &model.corners());
+        assert!(apart < 1e-9, "{x}: {apart} mm");
+    }
+}
+
+/// A table about a block does not show the side that stands on it: its points lie beyond the edges.
+#[test]
+fn a_table_about_the_part_does_not_show_its_lower_side() {
+    let model = block();
+    let stock = [Some(0.6), Some(0.6), Some(0.6), Some(0.6), None, Some(0.6)];
+    let mut points = raw(stock, &Pose::identity());
+    let mut task_of = |table: bool| {
+        if table {
+            for i in -40..=40 {
+                for j in -30..=30 {
+                    let p = Vec3::new(f64::from(i), f64::from(j), -10.6);
+                    if p.x.abs() > 31.0 || p.y.abs() > 21.0 {
+                        points.push(p);
+                    }
+                }
+            }
+        }
+        let mut task = task(&model, &points);
+        task.locked = [false, false, true, true, true, false];
+        let found = task.find().unwrap();
+        found.reasons.iter().any(|r| r.code == "unmeasured")
+    };
+    assert!(task_of(false) && task_of(true));
+}
+
+/// Much stock on one face is no other thing: 15 mm of it, as a rough casting has, with the scan going on around its edges or
+/// not.
+#[test]
+fn much_stock_on_one_face_is_stock() {
+    let model = block();
+    let mut points = raw([0.6; 6].map(Some), &moved());
+    points.retain(|q| moved().undo(q).x < 30.3);
+    // The raw end, and the sides on the way to it.
+    points.extend(wall(45.0, &moved()));
+    for i in 0..=22 {
+        for j in -10..=10 {
+            let x = 24.0 + f64::from(i);
+            for side in [-1.0, 1.0] {
+                let (y, z) = (20.6 * side, 10.6 * side);
+                points.push(moved().point(&Vec3::new(x, y, f64::from(j))));
+                points.push(moved().point(&Vec3::new(x, 2.0 * f64::from(j), z)));
+            }
+        }
+    }
+    let mut task = task(&model, &points);
+    task.start = moved();
+    task.locked = [true, false, false, true, true, true];
+    let found = task.find().unwrap();
+    assert_eq!(found.clutter.len(), 0);
+    assert!(found.reasons.is_empty(), "{:?}", found.reasons);
+    assert!(found.max_mm > 14.0, "{}", found.max_mm);
+    // Ten times the stock of the others on faces that are scanned apart from each other.
+    let points = raw([4.0, 4.0, 0.4, 0.4, 0.4, 0.4].map(Some), &moved());
+    let found = self::task(&model, &points).find().unwrap();
+    assert_eq!((found.clutter.len(), found.reasons.len()), (0, 0));
+}

@@ -19,6 +19,7 @@ use super::transform::{self, FromTo, ScanFrame};
 use super::{report, scans};
 use crate::cmd::Format;
 use crate::cmd::scan::answer::failure;
+use crate::cmd::scan::triple::at_least_0;
 use crate::failure::Failure;
 use crate::output::Force;
 use crate::show::terminal::Plain;
@@ -54,10 +55,10 @@ pub(crate) struct Localise {
     #[arg(long, value_enum, default_value = "mm")]
     unit: Unit,
     /// The largest standard uncertainty at a corner of the part, or of the scan without a part
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", allow_hyphen_values = true, value_parser = at_least_0)]
     limit: Option<f64>,
     /// By how much the scale may be off
-    #[arg(long, value_name = "PPM", default_value_t = 1000.0)]
+    #[arg(long, value_name = "PPM", default_value_t = 1000.0, allow_hyphen_values = true, value_parser = at_least_0)]
     scale_limit_ppm: f64,
     /// Also carry this point (of the part, or of the scan without one) over and say its uncertainty (repeatable)
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = transform::point)]

@@ -17,6 +17,7 @@ use super::transform::{self, ScanFrame};
 use super::{faces, stock_page};
 use crate::cmd::Format;
 use crate::cmd::scan::answer::failure;
+use crate::cmd::scan::triple::finite;
 use crate::failure::Failure;
 use crate::output::Force;
 use crate::show::terminal::Plain;
@@ -45,7 +46,7 @@ pub(crate) struct Stock {
     #[arg(long, value_name = "T.json")]
     start: Option<PathBuf>,
     /// The stock that every face needs
-    #[arg(long, value_name = "MM", allow_hyphen_values = true)]
+    #[arg(long, value_name = "MM", allow_hyphen_values = true, value_parser = finite)]
     require: Option<f64>,
     /// Faces with demands of their own: `[[face]]` name, mesh, stock_mm or profile_mm
     #[arg(long, value_name = "FACES.toml")]
@@ -77,7 +78,9 @@ positive is material. The transform carries part coordinates into the scan's.
 Verdict OK: by any objective, every face has the stock that it needs.
 
 Single points that no neighbour is like are left out as spikes. Where one of them has
-too little stock, the verdict is NG: a pit can be that narrow.
+too little stock, the verdict is NG: a pit can be that narrow. What stands far off the
+part and apart from the rest of the scan, as a wall behind it, is left out, too, with a
+warning: it shows no face.
 
 Examples:
   umi scan stock part.stl raw.ply
@@ -188,6 +191,7 @@ impl Stock {
         let io = |path: &Path, error: std::io::Error| ScanError::file("write", path, &error);
         let used: Vec<Vec3> = (0..cloud.points.len())
             .filter(|i| found.spikes.binary_search(i).is_err())
+            .filter(|i| found.clutter.binary_search(i).is_err())
             .map(|i| cloud.points[i])
             .collect();
         if let Some(path) = &self.map {
@@ -202,11 +206,19 @@ impl Stock {
             let page = stock_page::page(&self.model, &used, &found, least_mm)?;
             std::fs::write(path, page).map_err(|error| io(path, error))?;
         }
+        let mut warnings = model.flaws();
+        if !found.clutter.is_empty() {
+            warnings.push(format!(
+                "clutter: {} points were left out as other things than the raw part: they stand far off the part, and apart from \
+                 the rest of the scan. Where they are of the raw part, scan what lies between",
+                found.clutter.len()
+            ));
+        }
         Ok(StockAnswer {
             found,
             n: cloud.points.len() + cloud.not_finite,
             not_finite: cloud.not_finite,
-            warnings: model.flaws(),
+            warnings,
         })
     }
 
@@ -239,6 +251,7 @@ impl Stock {
             "margin_mm": found.margin_mm,
             "least_at_mm": found.least_at_mm.as_slice(),
             "n": answer.n, "not_finite": answer.not_finite, "n_used": found.n_used, "spikes": found.spikes,
+            "clutter": found.clutter.len(),
             "locked": locked, "faces": faces, "unmeasured": found.unmeasured,
             "verdict": placed.verdict(),
             "reasons": placed.reasons(), "warnings": answer.warnings,
@@ -283,9 +296,10 @@ impl StockAnswer {
         }
         let _ = writeln!(
             text,
-            "points  {} of {n} used, {} left out as spikes, {} not finite; {:.1} % of the surface not scanned",
+            "points  {} of {n} used, {} left out as spikes, {} as other things, {} not finite; {:.1} % of the surface not scanned",
             found.n_used,
             found.spikes.len(),
+            found.clutter.len(),
             self.not_finite,
             found.unmeasured * 100.0
         );

@@ -117,9 +117,10 @@ pub fn page(
             (
                 "points",
                 format!(
-                    "{} used, {} left out as spikes",
+                    "{} used, {} left out as spikes, {} as other things",
                     found.n_used,
-                    found.spikes.len()
+                    found.spikes.len(),
+                    found.clutter.len()
                 ),
             ),
             (
