@@ -335,3 +335,23 @@ fn files_that_hold_no_scan_or_no_part_are_told_as_what_they_are() {
         assert!(error["message"].as_str().unwrap().contains(word), "{error}");
     }
 }
+
+/// Nothing is larger than what is no number: a limit of it would make every scan OK.
+#[test]
+fn a_limit_that_is_no_number_is_refused() {
+    for value in ["nan", "inf", "-inf", "1e400"] {
+        for option in ["--limit", "--scale-limit-ppm"] {
+            let said = format!("{option}={value}");
+            let args = [
+                "scan",
+                "localise",
+                "optimum_bracket.ply",
+                "--part",
+                "bracket.stl",
+            ];
+            run(&[&args[..], &[&said]].concat()).exits(1);
+        }
+        let said = format!("--require={value}");
+        run(&["scan", "stock", "bracket.stl", "stock_min.ply", &said]).exits(1);
+    }
+}

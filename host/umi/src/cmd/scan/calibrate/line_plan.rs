@@ -10,7 +10,7 @@ use umi_scan::calibrate::sensor::Artefact;
 use umi_scan::format::machine;
 use umi_scan::rigid::Vec3;
 
-use super::super::triple::Triple;
+use super::super::triple::{Triple, finite};
 use super::sensor::Component;
 
 /// What a line scanner's plan needs.
@@ -40,7 +40,7 @@ pub(super) struct LinePlan {
     )]
     normal: Triple,
     /// How far from its middle the plane is seen
-    #[arg(long, value_name = "MM", default_value_t = 30.0)]
+    #[arg(long, value_name = "MM", default_value_t = 30.0, value_parser = finite)]
     reach_mm: f64,
     /// A rotary axis that moves, and between which angles; the others stay at 0
     #[arg(
@@ -51,17 +51,18 @@ pub(super) struct LinePlan {
     )]
     swing: Vec<(String, f64, f64)>,
     /// How long the laser line is
-    #[arg(long, value_name = "MM", default_value_t = 60.0)]
+    #[arg(long, value_name = "MM", default_value_t = 60.0, value_parser = finite)]
     field_mm: f64,
     /// How deep the sensor sees
-    #[arg(long, value_name = "MM", default_value_t = 50.0)]
+    #[arg(long, value_name = "MM", default_value_t = 50.0, value_parser = finite)]
     depth_mm: f64,
     /// z of the middle of what it sees, in its frame
     #[arg(
         long,
         value_name = "MM",
         default_value_t = 0.0,
-        allow_hyphen_values = true
+        allow_hyphen_values = true,
+        value_parser = finite
     )]
     middle_mm: f64,
     /// Profiles
@@ -71,7 +72,7 @@ pub(super) struct LinePlan {
     #[arg(long, value_name = "N", default_value_t = 60)]
     samples: usize,
     /// Expected standard deviation of a sample's distance from the artefact
-    #[arg(long, value_name = "MM", default_value_t = 0.005)]
+    #[arg(long, value_name = "MM", default_value_t = 0.005, value_parser = finite)]
     noise_mm: f64,
     /// The ball's centre will be known
     #[arg(long)]
@@ -93,7 +94,7 @@ fn swing(text: &str) -> Result<(String, f64, f64), String> {
     let wrong = || format!("`{text}` is no swing: A=-30..30");
     let (name, range) = text.split_once('=').ok_or_else(wrong)?;
     let (from, to) = range.split_once("..").ok_or_else(wrong)?;
-    let number = |text: &str| text.trim().parse::<f64>().map_err(|_| wrong());
+    let number = |text: &str| finite(text).map_err(|_| wrong());
     Ok((name.trim().to_owned(), number(from)?, number(to)?))
 }
 

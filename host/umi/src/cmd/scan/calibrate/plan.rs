@@ -11,7 +11,7 @@ use umi_scan::point_sensor::plan::{PlanQuestion, SensorPlan, plan, program};
 
 use super::super::super::Format;
 use super::super::answer::answer;
-use super::super::triple::Triple;
+use super::super::triple::{Triple, finite};
 use super::line_plan::{self, LinePlan};
 
 /// Places from which a calibration is well determined, and the uncertainty to expect
@@ -30,10 +30,10 @@ pub(crate) struct Plan {
     )]
     ball: Option<Triple>,
     /// Radius of the ball
-    #[arg(long, value_name = "MM", required_unless_present = "machine")]
+    #[arg(long, value_name = "MM", required_unless_present = "machine", value_parser = finite)]
     radius_mm: Option<f64>,
     /// Standard uncertainty of the centre along each axis
-    #[arg(long, value_name = "MM", default_value_t = 0.0)]
+    #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = finite)]
     u_center_mm: f64,
     /// Rough offset from the position of the axes to the zero of the readings, mm
     #[arg(
@@ -52,13 +52,13 @@ pub(crate) struct Plan {
     )]
     direction: Triple,
     /// Middle of the depth of field
-    #[arg(long, value_name = "MM", default_value_t = 44.0)]
+    #[arg(long, value_name = "MM", default_value_t = 44.0, value_parser = finite)]
     stand_off_mm: f64,
     /// Depth of field
-    #[arg(long, value_name = "MM", default_value_t = 8.0)]
+    #[arg(long, value_name = "MM", default_value_t = 8.0, value_parser = finite)]
     range_mm: f64,
     /// Half the angle that the sensor sees, degrees
-    #[arg(long, value_name = "DEG", default_value_t = 85.0)]
+    #[arg(long, value_name = "DEG", default_value_t = 85.0, value_parser = finite)]
     angle_deg: f64,
     /// Different stand-offs
     #[arg(long, value_name = "N", default_value_t = 3)]
@@ -67,17 +67,18 @@ pub(crate) struct Plan {
     #[arg(long, value_name = "N", default_value_t = 25)]
     places: usize,
     /// Expected standard deviation of a distance from the ball
-    #[arg(long, value_name = "MM", default_value_t = 0.001)]
+    #[arg(long, value_name = "MM", default_value_t = 0.001, value_parser = finite)]
     sigma_mm: f64,
     /// Least step of the axes
-    #[arg(long, value_name = "MM", default_value_t = 0.001)]
+    #[arg(long, value_name = "MM", default_value_t = 0.001, value_parser = finite)]
     increment_mm: f64,
     /// Height to approach from, machine coordinates
     #[arg(
         long,
         value_name = "MM",
         allow_hyphen_values = true,
-        required_unless_present = "machine"
+        required_unless_present = "machine",
+        value_parser = finite
     )]
     safe_z: Option<f64>,
     #[command(flatten)]

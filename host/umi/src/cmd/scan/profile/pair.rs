@@ -13,6 +13,7 @@ use umi_scan::profile::frames::FrameCounter;
 
 use crate::cmd::Format;
 use crate::cmd::scan::answer::answer;
+use crate::cmd::scan::triple::at_least_0;
 
 /// Which profile belongs to which latch of the board
 #[derive(Args)]
@@ -172,14 +173,6 @@ fn axis(text: &str) -> Result<usize, String> {
         .position(|axis| *axis == name)
         .ok_or_else(|| format!("`{text}` is no axis of a board: {}", known.join(", ")))
 }
-
-fn at_least_0(text: &str) -> Result<f64, String> {
-    text.parse()
-        .ok()
-        .filter(|value: &f64| value.is_finite() && *value >= 0.0)
-        .ok_or_else(|| format!("`{text}` is no number of 0 or more"))
-}
-
 /// No two clocks drift by more than this; what looks like more is another unit of time.
 const MOST_DRIFT_PPM: f64 = 10_000.0;
 
