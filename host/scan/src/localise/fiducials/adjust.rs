@@ -2,13 +2,18 @@
 
 use nalgebra::{Matrix6, Vector6};
 
-use super::Sought;
+use super::FiducialTask;
 use super::own::Own;
 use crate::rigid::{Pose, Vec3, stepped};
 use crate::solve::{eigen, pseudo_solve};
 
 /// What scans and fiducials are never better than, in units of the noise: errors that all points of one fiducial share.
 const SHARED: f64 = 0.5;
+
+/// What is more than chance, in standard deviations of χ²; and how much more one alone can bend the pose, in squares, than
+/// all of them do that differ as much.
+const SURELY: f64 = 3.0;
+const ONE: f64 = 2.0;
 
 /// Fiducials, each where its own points put it.
 pub(super) struct Seen {
@@ -26,6 +31,16 @@ pub(super) struct Stray {
     pub off_mm: Vec3,
 }
 
+/// Whether all agree, as far as they are known.
+pub(super) struct Agreement {
+    /// Those that do not; none where a scale brings all of them together.
+    pub strays: Vec<Stray>,
+    /// The scale that does, with its standard uncertainty.
+    pub scale: Option<(f64, f64)>,
+    /// By how much more they differ than their noise and their own doubts say: χ² over its degrees of freedom.
+    pub ratio: f64,
+}
+
 struct Equations {
     /// The information of each, with its own doubt in it.
     weights: Vec<Matrix6<f64>>,
@@ -38,9 +53,9 @@ struct Equations {
 
 impl Seen {
     /// The pose by all of them, each weighed by what its points and its own doubt say.
-    pub fn settled(mut self, sought: &Sought<'_>) -> Self {
+    pub fn settled(mut self, task: &FiducialTask<'_>) -> Self {
         for _ in 0..3 {
-            let e = self.equations(sought);
+            let e = self.equations(task, SHARED);
             let x = e.common();
             let step = Vector6::new(x[0] / e.arm, x[1] / e.arm, x[2] / e.arm, x[3], x[4], x[5]);
             self.machine = stepped(&self.machine, &step, &e.about);
@@ -48,7 +63,7 @@ impl Seen {
         self
     }
 
-    fn equations(&self, sought: &Sought<'_>) -> Equations {
+    fn equations(&self, task: &FiducialTask<'_>, shared: f64) -> Equations {
         let middles: Vec<Vec3> = self.own.iter().map(|(_, own)| own.middle()).collect();
         let about = middles.iter().sum::<Vec3>() / middles.len().max(1) as f64;
         let arm = middles
@@ -63,9 +78,9 @@ impl Seen {
             arm,
         };
         for (k, own) in &self.own {
-            let fiducial = &sought.task.fiducials[*k];
+            let fiducial = &task.fiducials[*k];
             let mut group = fiducial.group(&self.machine);
-            let rough = SHARED * own.sigma_mm;
+            let rough = shared * own.sigma_mm;
             for i in 0..3 {
                 group.cov[(i, i)] += (rough / fiducial.shape.size_mm()).powi(2);
                 group.cov[(i + 3, i + 3)] += rough * rough;
@@ -86,9 +101,41 @@ impl Seen {
         e
     }
 
+    /// How well they agree where the noise of each is known.
+    pub fn agreement(&self, task: &FiducialTask<'_>) -> Agreement {
+        let all: Vec<usize> = (0..self.own.len()).collect();
+        let bare = self.equations(task, 0.0);
+        let freedom = bare.freedom(&all).max(1);
+        let ratio = bare.misfit(&all) / freedom as f64;
+        // More than chance is of one of them, mostly, and where the others hardly check it, it bends the pose by more than
+        // what all would.
+        let chance = 1.0 + SURELY * (2.0 / freedom as f64).sqrt();
+        let ratio = if ratio > chance { ONE * ratio } else { ratio };
+        let e = self.equations(task, SHARED);
+        if e.agree_of(&all) {
+            return Agreement {
+                strays: Vec::new(),
+                scale: None,
+                ratio,
+            };
+        }
+        let middles = self.own.iter().map(|(_, own)| own.middle() - e.about);
+        let scale = e.scaled(&middles.collect::<Vec<_>>());
+        let strays = if scale.is_some() {
+            Vec::new()
+        } else {
+            self.strays(task)
+        };
+        Agreement {
+            strays,
+            scale,
+            ratio,
+        }
+    }
+
     /// Those that disagree with the others; all of them if it cannot be told which. None if all agree.
-    pub fn strays(&self, sought: &Sought<'_>) -> Vec<Stray> {
-        let e = self.equations(sought);
+    pub fn strays(&self, task: &FiducialTask<'_>) -> Vec<Stray> {
+        let e = self.equations(task, SHARED);
         if e.agree_of(&(0..self.own.len()).collect::<Vec<_>>()) {
             return Vec::new();
         }
@@ -127,7 +174,7 @@ impl Seen {
                 let x = e.steps[i] - e.of(&others);
                 let (k, own) = &self.own[i];
                 let w = Vec3::new(x[0], x[1], x[2]) / e.arm;
-                let shape = &sought.task.fiducials[*k].shape;
+                let shape = &task.fiducials[*k].shape;
                 let at = own.motion.point(&shape.middle());
                 let off = Vec3::new(x[3], x[4], x[5]) + w.cross(&(at - e.about));
                 Stray {
@@ -152,6 +199,35 @@ impl Equations {
 
     fn agree_of(&self, these: &[usize]) -> bool {
         self.misfit(these) <= self.likely(these)
+    }
+
+    /// The scale by which all agree, if there is one, with its standard uncertainty. `middles`: where each is, from `about`.
+    fn scaled(&self, middles: &[Vec3]) -> Option<(f64, f64)> {
+        const STEP: f64 = 1e-3;
+        let all: Vec<usize> = (0..self.steps.len()).collect();
+        let grown = |by: f64| {
+            let mut other = Self {
+                weights: self.weights.clone(),
+                steps: self.steps.clone(),
+                ranks: self.ranks.clone(),
+                ..*self
+            };
+            for (step, middle) in other.steps.iter_mut().zip(middles) {
+                for k in 0..3 {
+                    step[k + 3] -= by * middle[k];
+                }
+            }
+            other
+        };
+        // A sum of squares is a parabola in the scale.
+        let [less, same, more] = [-STEP, 0.0, STEP].map(|by| grown(by).misfit(&all));
+        let bent = (less + more - 2.0 * same) / (STEP * STEP);
+        if bent.is_nan() || bent <= 0.0 || self.freedom(&all) < 2 {
+            return None;
+        }
+        let best = (less - more) / (2.0 * STEP * bent);
+        let agrees = grown(best).agree_of(&all);
+        agrees.then_some((1.0 + best, (2.0 / bent).sqrt()))
     }
 
     /// The sum of squares that is left.

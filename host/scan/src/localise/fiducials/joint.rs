@@ -6,8 +6,10 @@ use super::super::fit::{self, INLIER};
 use super::super::search::scene;
 use super::super::uncertainty::{Group, Groups, certainty, turning};
 use super::super::{Located, degenerate, verdict_reasons};
+use super::adjust::Seen;
 use super::balls::radius_seen;
 use super::own::{self, Own};
+use super::refuse::disagree;
 use super::{
     Fiducial, FiducialSeen, FiducialShape, FiducialTask, LEAST_POINTS, ScannerFound, SymmetryAxis,
 };
@@ -122,6 +124,57 @@ impl Bodies {
             .collect()
     }
 
+    /// Each fiducial that stands, where its own points put it: those about it, also what the common pose takes for astray.
+    fn apart(
+        &self,
+        task: &FiducialTask<'_>,
+        motion: &Pose,
+        machine: &Pose,
+        measured: &[Measured],
+        standing: &[bool],
+        noise_mm: f64,
+    ) -> Seen {
+        let mut own = Vec::new();
+        for (k, fiducial) in task.fiducials.iter().enumerate() {
+            let size = fiducial.shape.size_mm();
+            let reach = (REACH * size).max(0.2);
+            let near: Vec<Vec3> = (task.points.iter().zip(measured))
+                .filter(|(_, m)| self.of(m) == k && m.distance_mm.abs() < 3.0 * reach)
+                .filter(|(q, m)| self.is_within(q, m, motion, noise_mm))
+                .map(|(q, _)| *q)
+                .collect();
+            if !standing[k] {
+                continue;
+            }
+            let surface = fiducial.shape.surface();
+            let start = machine.after(&fiducial.pose);
+            let (floor, threads) = (size * 1e-7, task.threads);
+            let Some(fit) = fit::settle(&surface, &near, &start, reach, floor, 30, threads) else {
+                continue;
+            };
+            let there = measure(&surface, &near, &fit.motion, &[], threads);
+            let on = near.into_iter().zip(there);
+            let on: Vec<(Vec3, Measured)> = on
+                .filter(|(_, m)| m.distance_mm.abs() < INLIER * fit.sigma_mm)
+                .collect();
+            if on.len() >= LEAST_POINTS {
+                own.push((
+                    k,
+                    Own {
+                        motion: fit.motion,
+                        sigma_mm: fit.sigma_mm,
+                        on,
+                        beside: 0,
+                    },
+                ));
+            }
+        }
+        Seen {
+            machine: *machine,
+            own,
+        }
+    }
+
     /// Whether the foot of a point lies within a surface and not beside its rim, for this noise.
     fn is_within(&self, q: &Vec3, m: &Measured, motion: &Pose, noise_mm: f64) -> bool {
         let triangles = self.surface.mesh.as_ref().map_or(&[][..], Mesh::triangles);
@@ -226,6 +279,18 @@ pub(super) fn finish(
     }
     // Of the machine's own origin, and from the scanner's point of view.
     let machine = motion.after(&from_origin);
+    let apart = bodies.apart(task, &motion, &machine, &measured, &standing, sigma);
+    if apart.own.len() > 1 {
+        let agreement = apart.agreement(task);
+        if task.kernel.is_none() && !agreement.strays.is_empty() {
+            return Err(disagree(task, &agreement.strays));
+        }
+        if let Some((scale, u_scale)) = agreement.scale {
+            (sure.scale, sure.u_scale) = (scale, u_scale);
+        }
+        // What neighbours share is in the covariance already.
+        sure = sure.differing(agreement.ratio);
+    }
     sure = sure.before(&motion, &from_origin).inverted(&machine);
     let motion_of_scanner = machine.inverse();
     let squares: f64 = on.iter().map(|&i| measured[i].distance_mm.powi(2)).sum();
@@ -269,6 +334,9 @@ pub(super) fn finish(
         on_fiducials,
     })
 }
+
+/// How far from its place a fiducial's own points are looked for, over its size.
+const REACH: f64 = 0.06;
 
 /// A radius is off if it is by so many times its uncertainty and, beyond that, by so many times the noise:
 /// points of one ball share errors, and some of its post are among them.

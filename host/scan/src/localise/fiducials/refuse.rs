@@ -148,7 +148,11 @@ fn other_unit(task: &FiducialTask<'_>) -> Result<(), ScanError> {
         }
         let points: Vec<Vec3> = task.points.iter().map(|p| p * factor).collect();
         if evidence(task, &points).agreeing > 0 {
-            return Err(super::super::verdict::wrong_scale(factor, name));
+            let mut error = super::super::verdict::wrong_scale(factor, name);
+            error.message.push_str(
+                ". Where the scan is in mm, the file of fiducials is not: its positions and sizes are in mm",
+            );
+            return Err(error);
         }
     }
     Ok(())
@@ -191,7 +195,7 @@ fn judged(
         });
     };
     if !best.strays.is_empty() {
-        return Err(disagree(sought, &best.strays));
+        return Err(disagree(sought.task, &best.strays));
     }
     if !best.near.is_empty() {
         let strays: Vec<Stray> = best
@@ -202,7 +206,7 @@ fn judged(
                 off_mm: *off_mm,
             })
             .collect();
-        return Err(disagree(sought, &strays));
+        return Err(disagree(sought.task, &strays));
     }
     if !best.held {
         return match loose(best.seen.own.len()) {
@@ -251,7 +255,7 @@ fn attempt(
     if seen.own.is_empty() {
         return None;
     }
-    seen = seen.settled(sought);
+    seen = seen.settled(sought.task);
     let whole = m.pairs.len() == seen.own.len();
     for (f, fiducial) in fiducials.iter().enumerate() {
         if seen.own.iter().any(|(g, _)| *g == f) {
@@ -275,7 +279,7 @@ fn attempt(
     }
     let held = whole && is_held(&seen, sought);
     if held {
-        seen = seen.settled(sought);
+        seen = seen.settled(sought.task);
     }
     let (mut near, mut elsewhere) = (Vec::new(), Vec::new());
     for (f, fiducial) in fiducials.iter().enumerate() {
@@ -300,7 +304,7 @@ fn attempt(
     }
     Some(Tried {
         points: seen.own.iter().map(|(_, own)| own.on.len()).sum(),
-        strays: seen.strays(sought),
+        strays: seen.strays(sought.task),
         seen,
         near,
         elsewhere,
@@ -418,7 +422,7 @@ fn alone(sought: &Sought<'_>, tried: &[Tried]) -> Result<(), ScanError> {
         fiducial: *own,
         off_mm: -all[0].off_mm,
     });
-    Err(disagree(sought, &all))
+    Err(disagree(sought.task, &all))
 }
 
 /// The best if no other pose explains the fiducials as well.
@@ -448,7 +452,7 @@ fn only_one(sought: &Sought<'_>, tried: &[Tried]) -> Result<Searched, ScanError>
         .iter()
         .map(|m| best.seen.machine.inverse().after(m))
         .collect();
-    let axes = symmetry::axes(&turns);
+    let axes = symmetry::axes(&turns, &marks);
     if task.accept_symmetry {
         return Ok(found(best, axes));
     }
@@ -506,8 +510,8 @@ fn loosely(
     let strays = if seen.own.is_empty() {
         Vec::new()
     } else {
-        seen = seen.settled(sought);
-        seen.strays(sought)
+        seen = seen.settled(sought.task);
+        seen.strays(sought.task)
     };
     if strays.is_empty() {
         nothing(sought, features)
@@ -516,12 +520,12 @@ fn loosely(
             agreeing: agreeing(&seen, &strays),
             points: seen.own.iter().map(|(_, own)| own.on.len()).sum(),
         };
-        disagree(sought, &strays)
+        disagree(sought.task, &strays)
     }
 }
 
-fn disagree(sought: &Sought<'_>, strays: &[Stray]) -> ScanError {
-    let name = |s: &Stray| sought.task.fiducials[s.fiducial].name.clone();
+pub(super) fn disagree(task: &FiducialTask<'_>, strays: &[Stray]) -> ScanError {
+    let name = |s: &Stray| task.fiducials[s.fiducial].name.clone();
     let words: Vec<String> = strays
         .iter()
         .map(|s| {
