@@ -145,7 +145,10 @@ impl Judge<'_> {
             .iter()
             .map(|m| best.motion.inverse().after(m))
             .collect();
-        Ok(Rivals::Equal(symmetry::axes(&motions), equal))
+        Ok(Rivals::Equal(
+            symmetry::axes(&motions, &self.prepared.corners),
+            equal,
+        ))
     }
 
     /// The normal of the only side that the scan shows of the part, if it shows but one. Along such a side only the

@@ -117,6 +117,10 @@ pub(super) fn decide(
         fits.insert(0, missed);
         worth = first(&fits);
     }
+    let no_fit = || match task.points.len() {
+        few @ 0..FEW => no_fit_of(few),
+        _ => no_fit(),
+    };
     let Some(best) = fits.first() else {
         return Err(no_fit());
     };
@@ -167,6 +171,21 @@ pub(super) fn no_fit() -> ScanError {
     ScanError::refused(
         "no_fit",
         "the part is not in this scan, or not as the model has it: no pose explains the points to within their noise",
+    )
+}
+
+/// Of fewer points a search may miss the part.
+const FEW: usize = 1000;
+
+/// The refusal of so few points, which need not say that another part was scanned.
+fn no_fit_of(few: usize) -> ScanError {
+    ScanError::refused(
+        "no_fit",
+        format_args!(
+            "no pose of the part was found by which it explains the {few} points. A search needs more of them: scan the \
+             part with {FEW} points or more, or say by --start where it is about. If it is not found then, the part is \
+             not in this scan, or not as the model has it"
+        ),
     )
 }
 

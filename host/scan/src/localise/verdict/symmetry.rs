@@ -79,9 +79,31 @@ pub(in crate::localise) fn candidates(prepared: &Prepared) -> Vec<Pose> {
     all
 }
 
-/// The axes of the group that these motions of the part belong to.
-pub(in crate::localise) fn axes(motions: &[Pose]) -> Vec<SymmetryAxis> {
-    let mut found: Vec<(SymmetryAxis, f64)> = Vec::new();
+/// A turn is a whole one's part if it is so to this angle in rad; a symmetry does not shift along its axis by more than
+/// this share of the part's size, and its axis goes through the part.
+const WHOLE: f64 = 0.01;
+const SHIFTED: f64 = 0.02;
+/// A symmetry whose least turn was not found has at most this order.
+const FEW: u32 = 6;
+/// So many turns about one axis, none of them a whole one's part, are turns by any angle.
+const ANY: usize = 3;
+
+/// How many times such a turn makes the part look the same in a whole one, if it is of that kind: two parts in one scan
+/// can stand at any angle to each other.
+fn order(angle: f64) -> Option<u32> {
+    let of = |n: u32, times: u32| std::f64::consts::TAU * f64::from(times) / f64::from(n);
+    let first = (std::f64::consts::TAU / angle).round() as u32;
+    if first >= 2 && (of(first, 1) - angle).abs() < WHOLE {
+        return Some(first);
+    }
+    (2..=FEW).find(|&n| (2..n).any(|times| (of(n, times) - angle).abs() < WHOLE))
+}
+
+/// The axes of the group that these motions of the part belong to. `box_corners`: those of the part.
+pub(in crate::localise) fn axes(motions: &[Pose], box_corners: &[Vec3]) -> Vec<SymmetryAxis> {
+    let (low, high) = crate::surface::bounds(box_corners.iter());
+    let (centre, size) = ((low + high) / 2.0, (high - low).norm());
+    let mut found: Vec<(SymmetryAxis, f64, usize)> = Vec::new();
     for motion in motions {
         let w = rotation_vector(&motion.rotation);
         let angle = w.norm();
@@ -89,15 +111,22 @@ pub(in crate::localise) fn axes(motions: &[Pose]) -> Vec<SymmetryAxis> {
             continue;
         }
         let mut axis = w / angle;
+        let off = (centre - on_axis(motion, &axis)).cross(&axis).norm();
+        if motion.translation_mm.dot(&axis).abs() > SHIFTED * size || off > 0.5 * size {
+            continue;
+        }
         // One of the two directions: the largest component is positive.
         if axis[axis.iamax()] < 0.0 {
             axis = -axis;
         }
         let same = found
             .iter_mut()
-            .find(|(known, _)| known.axis.cross(&axis).norm() < 0.03);
+            .find(|(known, ..)| known.axis.cross(&axis).norm() < 0.03);
         match same {
-            Some((_, least)) => *least = least.min(angle),
+            Some((_, least, count)) => {
+                *least = least.min(angle);
+                *count += 1;
+            }
             None => found.push((
                 SymmetryAxis {
                     axis,
@@ -105,14 +134,17 @@ pub(in crate::localise) fn axes(motions: &[Pose]) -> Vec<SymmetryAxis> {
                     order: 0,
                 },
                 angle,
+                1,
             )),
         }
     }
     found
         .into_iter()
-        .map(|(axis, least)| SymmetryAxis {
-            order: (std::f64::consts::TAU / least).round() as u32,
-            ..axis
+        .filter_map(|(axis, least, count)| {
+            // Several turns of no order are turns by any angle; one is no symmetry.
+            let any = (count >= ANY).then_some(0);
+            let order = order(least).or(any)?;
+            Some(SymmetryAxis { order, ..axis })
         })
         .collect()
 }
@@ -143,8 +175,19 @@ pub(in crate::localise) fn ambiguous(
         })
         .collect();
     if let ([first, other, ..], true) = (motions, words.is_empty()) {
-        let shift = first.inverse().after(other).translation_mm.norm();
-        words.push(format!("shifted by {shift:.1} mm"));
+        let by = first.inverse().after(other);
+        let (shift, turn) = (
+            by.translation_mm.norm(),
+            rotation_vector(&by.rotation).norm(),
+        );
+        words.push(if turn < 0.05 {
+            format!("shifted by {shift:.1} mm")
+        } else {
+            format!(
+                "turned by {:.1} degrees, its origin shifted by {shift:.1} mm, which is no symmetry: are there two of it in the scan?",
+                turn.to_degrees()
+            )
+        });
     }
     ScanError::refused(
         "ambiguous",
@@ -221,9 +264,43 @@ mod tests {
                 translation_mm: point - r * point,
             }
         };
-        let found = axes(&[turn(2.0), turn(4.0), turn(-4.0)]);
+        let corners = [Vec3::new(0.0, -14.0, 0.0), Vec3::new(20.0, 6.0, 10.0)];
+        let found = axes(&[turn(2.0), turn(4.0), turn(-4.0)], &corners);
         assert_eq!(found.len(), 1);
         assert_eq!(found[0].order, 4);
         assert!((found[0].point_mm - Vec3::new(10.0, -4.0, 0.0)).norm() < 1e-9);
+    }
+
+    /// Two parts in one scan stand at any angle to each other, and at any place: that is no symmetry of the part. A turn
+    /// whose first part was not found is one.
+    #[test]
+    fn two_parts_in_a_scan_are_no_symmetry() {
+        let corners = [Vec3::zeros(), Vec3::new(120.0, 70.0, 60.0)];
+        let middle = Vec3::new(60.0, 35.0, 30.0);
+        let about = |point: Vec3, degrees: f64, along: f64| {
+            let r = rotation(&(Vec3::z() * degrees.to_radians()));
+            Pose {
+                rotation: r,
+                translation_mm: point - r * point + Vec3::z() * along,
+            }
+        };
+        let told = |motion: Pose| axes(&[motion], &corners).first().map(|axis| axis.order);
+        assert_eq!(told(about(middle, 120.0, 0.0)), Some(3));
+        assert_eq!(told(about(middle, 120.3, 0.0)), Some(3));
+        assert_eq!(told(about(middle, 144.0, 0.0)), Some(5));
+        assert_eq!(told(about(middle, 130.3, 0.0)), None);
+        assert_eq!(told(about(middle, 120.0, 40.0)), None);
+        assert_eq!(told(about(middle * 6.0, 120.0, 0.0)), None);
+        let said = ambiguous(
+            &[],
+            &[Pose::identity(), about(middle, 130.3, 0.0)],
+            "alike",
+            "scan one",
+        );
+        assert!(
+            said.message.contains("turned by 130.3 degrees"),
+            "{}",
+            said.message
+        );
     }
 }
