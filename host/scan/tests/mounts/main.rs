@@ -2,6 +2,7 @@
 //! with the right number of free motions, and the machine's frame makes no difference.
 
 mod few;
+mod few_planes;
 mod mirror;
 mod misfit;
 mod open;

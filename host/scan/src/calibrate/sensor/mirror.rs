@@ -1,82 +1,25 @@
-//! Balls of known centres on the other side of the laser's plane. A cut says how far a centre is from that plane, and
+//! Mounts that are one another in a mirror.
+//!
+//! Balls of known centres on the other side of the laser's plane: a cut says how far a centre is from that plane, and
 //! not on which side.
 //!
 //! Where the centres, as the flange sees them at all poses, lie in one plane, the mount that is mirrored in the laser's plane
 //! and in theirs has the same residuals: both mirrors together are a motion, the first changes no cut, the second moves
 //! no centre. Three cuts always lie in a plane; so do those of axes that move in one.
+//!
+//! Planes whose normals, as the flange sees them at all poses, are square to one direction: mirrored along that and in
+//! the laser's plane, the mount sees every plane as before. The shift along the direction shows nowhere, so this is of mounts
+//! of which that is held.
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::rivals::APART;
 use super::{MountModel, SampleSights};
-use crate::ScanError;
-use crate::calibrate::solve::{Solution, solve};
-use crate::rigid::{orthonormal, rotation_vector};
+use crate::rigid::orthonormal;
 use umi_kinematics::Pose;
 
-/// Mounts that are less apart are one: 0.05 mm, 0.03°.
-const APART: (f64, f64) = (0.05, 0.03);
-/// So many standard deviations tell one from the other.
-const CLEARLY: f64 = 5.0;
-/// Residuals below are rounding.
-const LEAST_SIGMA_MM: f64 = 1e-6;
-/// How far off the first guess may be, as `umi scan calibrate sensor` asks for it.
-const GUESS: (f64, f64) = (20.0, 6.0);
-/// A mount is none of those where it is so many times as far off.
-const CLEARLY_FARTHER: f64 = 1.1;
-
-/// The solution, or a mirrored one where only that is near the first guess.
-///
-/// # Errors
-/// `uncertain`: both fit alike, and the guess does not decide.
-pub(super) fn decided<'a>(
-    found: Solution<MountModel<'a>>,
-    start: &Pose,
-    scale: &[f64],
-) -> Result<Solution<MountModel<'a>>, ScanError> {
-    let mut best = found;
-    for mirrored in [moved_across, reflected] {
-        let Some(mirrored) = mirrored(&best.model) else {
-            continue;
-        };
-        let other = solve(mirrored, scale);
-        let n = best.model.all.points.len() as f64;
-        let sigma_mm = (best.ssq / n).sqrt().max(LEAST_SIGMA_MM);
-        let worse = (other.ssq - best.ssq) / (sigma_mm * sigma_mm);
-        let (shift_mm, turn_deg) = apart(&best.model.mount, &other.model.mount);
-        let is_one = shift_mm < APART.0 && turn_deg < APART.1;
-        if is_one || worse > CLEARLY * CLEARLY {
-            continue;
-        }
-        let is_within = |mount: &Pose, times: f64| {
-            let (shift_mm, turn_deg) = apart(mount, start);
-            shift_mm <= times * GUESS.0 && turn_deg <= times * GUESS.1
-        };
-        let decides = |one: &Pose, other: &Pose| {
-            is_within(one, 1.0 + 1e-6) && !is_within(other, CLEARLY_FARTHER)
-        };
-        let (this, that) = (best.model.mount, other.model.mount);
-        best = match (decides(&this, &that), decides(&that, &this)) {
-            (true, _) => best,
-            (_, true) => other,
-            _ => {
-                return Err(ScanError::refused(
-                    "uncertain",
-                    format_args!(
-                        "two mounts fit alike, {shift_mm:.3} mm and {turn_deg:.3}° apart: nothing says on which side of the \
-                         laser's plane the balls are. Scan from more poses, so that the centres do not lie in one plane \
-                         as the sensor sees them: move the axis across the plane, too"
-                    ),
-                )
-                .with("mirrored_translation_mm", other.model.mount.translation_mm.as_slice())
-                .with("mirrored_rotation", other.model.mount.rows()));
-            }
-        };
-    }
-    Ok(best)
-}
-
 /// The mount that is moved across by twice the balls' distance: where some of it is held, too.
-fn moved_across<'a>(found: &MountModel<'a>) -> Option<MountModel<'a>> {
+pub(super) fn moved_across<'a>(found: &MountModel<'a>) -> Option<MountModel<'a>> {
     let across_mm = across(found).filter(|mm| 2.0 * mm.abs() > APART.0)?;
     let mut mirrored = found.clone();
     let shift = mirrored.mount.rotation * Vector3::new(0.0, 2.0 * across_mm, 0.0);
@@ -87,7 +30,7 @@ fn moved_across<'a>(found: &MountModel<'a>) -> Option<MountModel<'a>> {
 }
 
 /// The mount that is mirrored in the plane that comes nearest to all centres, and in the laser's.
-fn reflected<'a>(found: &MountModel<'a>) -> Option<MountModel<'a>> {
+pub(super) fn reflected<'a>(found: &MountModel<'a>) -> Option<MountModel<'a>> {
     if !found.centres_known || found.sought != [true; 6] {
         return None;
     }
@@ -123,6 +66,31 @@ fn reflected<'a>(found: &MountModel<'a>) -> Option<MountModel<'a>> {
     })
 }
 
+/// The mount that is mirrored along the direction to which the planes' normals are most nearly square, and in the laser's plane.
+pub(super) fn planes_reflected(found: &MountModel<'_>) -> Option<Pose> {
+    let mut scatter = Matrix3::zeros();
+    let mut last = None;
+    for seen in &found.all.points {
+        if last == Some((seen.flange, seen.feature)) {
+            continue;
+        }
+        last = Some((seen.flange, seen.feature));
+        if let SampleSights::Plane { normal, .. } = &found.features[seen.feature] {
+            let normal = found.all.flanges[seen.flange].rotation.tr_mul(normal);
+            scatter += normal * normal.transpose();
+        }
+    }
+    last?;
+    let eigen = scatter.symmetric_eigen();
+    let along = eigen.eigenvectors.column(eigen.eigenvalues.imin());
+    let mirror = Matrix3::identity() - 2.0 * along * along.transpose();
+    let laser = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, 1.0));
+    Some(Pose {
+        rotation: orthonormal(&(mirror * found.mount.rotation * laser)),
+        translation_mm: found.mount.translation_mm,
+    })
+}
+
 /// How far balls of known centres are from the laser's plane, in mean over all observations.
 fn across(model: &MountModel<'_>) -> Option<f64> {
     if !model.centres_known || model.all.points.is_empty() {
@@ -139,11 +107,4 @@ fn across(model: &MountModel<'_>) -> Option<f64> {
         }
     });
     Some(of.sum::<f64>() / model.all.points.len() as f64)
-}
-
-/// How far one mount is from another: mm, degrees.
-pub(super) fn apart(a: &Pose, b: &Pose) -> (f64, f64) {
-    let turn = rotation_vector(&(a.rotation * b.rotation.transpose()));
-    let shift = a.translation_mm - b.translation_mm;
-    (shift.norm(), turn.norm().to_degrees())
 }

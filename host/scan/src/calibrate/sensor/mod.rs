@@ -4,7 +4,9 @@
 //! observations, `p = flange · X · (x, 0, z)` in the workpiece's frame. Unknown are X, and
 //! each plane, each centre that is not known, and one radius if it is free.
 
+mod lines;
 mod mirror;
+mod rivals;
 mod sides;
 mod starts;
 
@@ -26,6 +28,7 @@ use super::solve::scatter::{left_of_column, scatter_covariance, unit_uncertainty
 use super::solve::{MOST_NOISE_MM, Model, Solution, TakeRow, descend, solve};
 use crate::ScanError;
 use crate::rigid::rotation_vector;
+use lines::numbers_over;
 use sides::step_mount;
 use starts::best_start;
 
@@ -208,6 +211,19 @@ impl MountModel<'_> {
         }
     }
 
+    /// The same of other observations.
+    fn of<'b>(&self, all: &'b Observations) -> MountModel<'b> {
+        MountModel {
+            all,
+            mount: self.mount,
+            features: self.features.clone(),
+            radius_mm: self.radius_mm,
+            radius_free: self.radius_free,
+            centres_known: self.centres_known,
+            sought: self.sought,
+        }
+    }
+
     /// Unknowns of all features.
     fn of_features(&self) -> usize {
         if self.centres_known {
@@ -365,8 +381,9 @@ fn mount(
         .collect();
     let solution = solve(best_start(first), &scale);
     refuse_unseen(&solution, &scale, give_centres)?;
-    let solution = mirror::decided(solution, start, &scale)?;
     refuse_few_profiles(&solution.model)?;
+    let solution = rivals::decided(solution, start, &scale)?;
+    refuse_unseen(&solution, &scale, give_centres)?;
     let radius = radius_wanted(&solution, options);
     let with_radius = |mut error: ScanError| {
         if let Some(radius) = &radius {
@@ -403,9 +420,11 @@ fn mount(
     let covariance_poses = poses.covariance.as_ref();
     let covariance_poses = covariance_poses.map(|(of, _)| all_six(of, &model.sought));
     let mut warnings: Vec<String> = radius.into_iter().collect();
+    let is_radius_told = !warnings.is_empty();
+    warnings.extend(farther_than_asked(&model.mount, start));
     if let Some(misfit) = poses.misfit.as_ref().filter(|found| found.stands_out()) {
         // A radius that is wrong makes poses disagree, too, and is told by its own name.
-        if misfit.is_gross() && warnings.is_empty() && !options.allow_misfit {
+        if misfit.is_gross() && !is_radius_told && !options.allow_misfit {
             return Err(refused(misfit));
         }
         warnings.push(format!("misfit: {}", misfit.words()));
@@ -648,6 +667,20 @@ fn refuse_far(mount: &Pose, start: &Pose) -> Result<(), ScanError> {
     .with("shift_mm", shift_mm))
 }
 
+/// The warning, where the first guess was not as near as it is asked for: the search looks no farther than that.
+fn farther_than_asked(mount: &Pose, start: &Pose) -> Option<String> {
+    if rivals::is_within(mount, start, rivals::CLEARLY_FARTHER) {
+        return None;
+    }
+    let (shift_mm, turn_deg) = rivals::apart(mount, start);
+    let (most_mm, most_deg) = rivals::GUESS;
+    Some(format!(
+        "far_from_start: the mount is turned by {turn_deg:.1}° and shifted by {shift_mm:.1} mm from [sensor] of the machine file, \
+         which must be right within {most_deg}° and {most_mm} mm. Farther off the search may find another mount that fits less \
+         well. Measure the sensor's place again, put it into [sensor] and calibrate once more: the answer must stay the same"
+    ))
+}
+
 /// Poses that no mount brings together give no mount, however well they would determine it.
 fn refuse_apart(solution: &Solution<MountModel<'_>>) -> Result<(), ScanError> {
     let sigma_mm = solution.sigma_mm();
@@ -669,7 +702,7 @@ fn refuse_apart(solution: &Solution<MountModel<'_>>) -> Result<(), ScanError> {
 /// on which side. So cuts that show just as many numbers as are sought fit several mounts exactly, and none tells them apart.
 fn refuse_few_profiles(model: &MountModel<'_>) -> Result<(), ScanError> {
     if !matches!(model.features.first(), Some(SampleSights::Ball { .. })) {
-        return Ok(());
+        return refuse_few_lines(model);
     }
     let mut cuts: Vec<(usize, &Pose)> = Vec::new();
     let (nuisances, targets) = model.unknowns();
@@ -690,6 +723,29 @@ fn refuse_few_profiles(model: &MountModel<'_>) -> Result<(), ScanError> {
              the ball is. Several mounts fit exactly: take profiles at {} poses or more",
             cuts.len(),
             unknowns / 3 + 1
+        ),
+    ))
+}
+
+/// A profile of a plane is a line, which shows two numbers. Profiles that show hardly more numbers than are sought fit several
+/// mounts by chance.
+fn refuse_few_lines(model: &MountModel<'_>) -> Result<(), ScanError> {
+    /// Of 525 simulated sets with one number over one was answered another mount, of those with two none.
+    const LEAST_OVER: i64 = 2;
+    let (over, profiles) = numbers_over(model);
+    if over >= LEAST_OVER {
+        return Ok(());
+    }
+    let (nuisances, targets) = model.unknowns();
+    let unknowns = nuisances + targets;
+    let wanted = (unknowns + LEAST_OVER as usize).div_ceil(2);
+    Err(ScanError::refused(
+        "uncertain",
+        format_args!(
+            "{profiles} profiles of planes differ. Each is a line and shows two numbers, fewer where no rotary axis moved between \
+             them, for {unknowns} unknowns. So few fit several mounts. Take {} profiles or more, each with the rotary axes at \
+             other angles",
+            wanted.max(profiles + 1)
         ),
     ))
 }

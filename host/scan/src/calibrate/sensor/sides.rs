@@ -4,7 +4,7 @@
 
 use nalgebra::Vector3;
 
-use super::mirror::apart;
+use super::rivals::apart;
 use super::{MountModel, SampleSights};
 use crate::calibrate::features::Cut;
 use crate::calibrate::observations::Observations;

@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 
+use super::lines::{Within, valleys};
 use super::sides::by_sides;
 use super::{MountModel, SampleSights};
 use crate::calibrate::features::{Cut, cuts};
@@ -10,30 +11,41 @@ use crate::calibrate::solve::{Model, descend};
 use crate::rigid::rotation;
 
 /// The best of descents from the first guess and from around it: balls have a second valley
-/// where they are looked for on the wrong side of the laser's plane.
+/// where they are looked for on the wrong side of the laser's plane, planes at few poses have some, too.
 pub(super) fn best_start(first: MountModel<'_>) -> MountModel<'_> {
     /// Observations that are enough to choose a valley.
     const ENOUGH: usize = 2000;
     let cuts = match first.features.first() {
         Some(SampleSights::Ball { .. }) => cuts(first.all),
-        _ => Vec::new(),
+        _ => return best_of_planes(first, ENOUGH),
     };
     if first.all.points.len() <= ENOUGH {
         return best_of_starts(first, &cuts);
     }
     let thin = thinned(first.all, ENOUGH);
-    let of_thin = MountModel {
-        all: &thin,
-        ..first.clone()
-    };
-    let found = best_of_starts(of_thin, &cuts);
-    MountModel {
-        all: first.all,
-        mount: found.mount,
-        features: found.features,
-        radius_mm: found.radius_mm,
-        ..first
+    best_of_starts(first.of(&thin), &cuts).of(first.all)
+}
+
+/// The same of planes, whose valleys are looked for where the first descents leave more than noise.
+fn best_of_planes(first: MountModel<'_>, enough: usize) -> MountModel<'_> {
+    /// So many of the valleys are looked at with all points.
+    const BEST: usize = 4;
+    let turned = (0..3).flat_map(|axis| [-0.07, 0.07].map(|angle| Vector3::ith(axis, angle)));
+    let thin = thinned(first.all, enough);
+    let of_thin = first.of(&thin);
+    let starts = std::iter::once(Vector3::zeros()).chain(turned).map(|turn| {
+        let mut turned = of_thin.clone();
+        turned.mount.rotation = rotation(&turn) * turned.mount.rotation;
+        turned
+    });
+    let (_, found) = least_of(&of_thin, starts.collect());
+    let (least, found) = least_of(&first, vec![found.of(first.all)]);
+    if Within::of(&found).is_some_and(|within| within.fits(least)) {
+        return found;
     }
+    let valleys = valleys(&first, &first.mount).into_iter().take(BEST);
+    let (beside, other) = least_of(&first, valleys.collect());
+    if beside < 0.999 * least { other } else { found }
 }
 
 /// So many observations at most, spread over all.
@@ -108,8 +120,8 @@ fn best_of_starts<'a>(first: MountModel<'a>, cuts: &[Cut]) -> MountModel<'a> {
     if beside < least { grid } else { best }
 }
 
-/// Whether a sum of squares is what the points scatter about their own cuts' circles. Planes have no wrong side: they
-/// fit. Of cuts of hardly any points nothing says so.
+/// Whether a sum of squares is what the points scatter about their own cuts' circles. Of cuts of hardly any points nothing
+/// says so.
 fn fits(model: &MountModel<'_>, ssq: f64, cuts: &[Cut]) -> bool {
     /// Half-way valleys leave more than that of the noise; what is beyond takes time, nothing else.
     const TIMES: f64 = 1.5;
@@ -123,7 +135,7 @@ fn fits(model: &MountModel<'_>, ssq: f64, cuts: &[Cut]) -> bool {
         left += cut.points.saturating_sub(3);
     }
     if left == 0 {
-        return !matches!(model.features.first(), Some(SampleSights::Ball { .. }));
+        return false;
     }
     let noise_mm = (squares / left as f64).sqrt();
     let (nuisances, targets) = model.unknowns();
