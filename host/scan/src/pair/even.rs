@@ -261,6 +261,28 @@ mod tests {
         assert_eq!(said(0, |i| 10 * i, Some(|i| 1000 * i + 7 * i * i)), None);
     }
 
+    /// One or two moments on either side have no rhythm; two profiles among three latches that are uneven have.
+    #[test]
+    fn one_or_two_pairs_tell_nothing() {
+        let told = |sensor_us: &[f64], board_us: &[i64], found: &[Option<usize>]| {
+            let board: Vec<i64> = board_us.iter().map(|us| us * 1000).collect();
+            let trains = Trains::new(sensor_us, &board, None, 20.0, 200.0, 8, (0, Vec::new()));
+            even_train(&trains, found, "ADVICE")
+        };
+        let one = told(&[500.0], &[700], &[Some(0)]).unwrap();
+        assert!(
+            one.starts_with("even_train: ") && one.contains("a single profile"),
+            "{one}"
+        );
+        let two = told(&[500.0, 900.0], &[700, 1100], &[Some(0), Some(1)]).unwrap();
+        assert!(
+            two.contains("two profiles") && two.contains("ADVICE"),
+            "{two}"
+        );
+        let uneven = [700, 1100, 2000];
+        assert_eq!(told(&[500.0, 900.0], &uneven, &[Some(0), Some(1)]), None);
+    }
+
     /// Some of the first frames and as many of the last latches are lost of a train whose intervals (µs) are not quite
     /// even: what is paired is off by that, and it is told, from either side. With a rhythm of its own nothing is told.
     #[test]

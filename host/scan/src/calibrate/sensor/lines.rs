@@ -278,3 +278,49 @@ pub(super) fn numbers_over(model: &MountModel<'_>) -> (i64, usize) {
         .sum();
     (shown.sum::<i64>() - targets as i64, profiles)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Artefact, SensorOptions, first_model};
+    use super::*;
+
+    /// Numbers over of a plane that is seen at so many angles, and at each from so many places.
+    fn over(angles: usize, places: usize) -> (i64, usize) {
+        let mut all = Observations {
+            features: vec!["plane".into()],
+            ..Observations::default()
+        };
+        for flange in 0..angles * places {
+            let (angle, place) = ((flange / places) as f64, (flange % places) as f64);
+            all.flanges.push(Pose {
+                rotation: rotation(&Vector3::new(0.1 * angle, 0.2 * angle, 0.0)),
+                translation_mm: Vector3::new(10.0 * place, 3.0 * place * place, 5.0 * place),
+            });
+            all.points.extend([-9.0, 0.0, 9.0].map(|x| Observation {
+                flange,
+                feature: 0,
+                seen_mm: Vector3::new(x, 0.0, 1.0),
+            }));
+        }
+        let options = SensorOptions {
+            on: Artefact::Plane,
+            radius_mm: None,
+            centres: None,
+            hold: [false; 3],
+            bars: Vec::new(),
+            allow_misfit: false,
+        };
+        numbers_over(&first_model(&all, &Pose::identity(), &options).unwrap())
+    }
+
+    /// Two numbers a profile at angles of its own, less nine unknowns; at the same angles its heights show three at most, and
+    /// two of those, the plane's normal, only once.
+    #[test]
+    fn parallel_lines_show_less_than_two_numbers_each() {
+        assert_eq!(over(5, 1), (1, 5));
+        assert_eq!(over(24, 1), (39, 24));
+        assert_eq!(over(1, 30), (2 + 3 - 9, 4));
+        assert_eq!(over(3, 2), (3 * 2 + 3 - 9, 6));
+        assert_eq!(over(3, 30), (3 * 2 + 5 - 9, 12));
+    }
+}

@@ -727,11 +727,10 @@ fn refuse_few_profiles(model: &MountModel<'_>) -> Result<(), ScanError> {
     ))
 }
 
-/// A profile of a plane is a line, which shows two numbers. Profiles that show hardly more numbers than are sought fit several
-/// mounts by chance.
+/// A profile of a plane is a line, which shows two numbers. Profiles that show no more numbers than are sought fit several mounts
+/// exactly; of those that show a few more other mounts are looked for ([`rivals`]).
 fn refuse_few_lines(model: &MountModel<'_>) -> Result<(), ScanError> {
-    /// Of 525 simulated sets with one number over one was answered another mount, of those with two none.
-    const LEAST_OVER: i64 = 2;
+    const LEAST_OVER: i64 = 1;
     let (over, profiles) = numbers_over(model);
     if over >= LEAST_OVER {
         return Ok(());

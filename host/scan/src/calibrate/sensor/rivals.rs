@@ -18,8 +18,10 @@ const LEAST_SIGMA_MM: f64 = 1e-6;
 pub(super) const GUESS: (f64, f64) = (20.0, 6.0);
 /// A mount is none of those where it is so many times as far off.
 pub(super) const CLEARLY_FARTHER: f64 = 1.1;
+/// What the other mount of a mirror is told as.
+const MIRRORED: [&str; 2] = ["mirrored_translation_mm", "mirrored_rotation"];
 /// Lines of planes that show more numbers than this over are not brought together twice by chance.
-const FEW_OVER: i64 = 12;
+const FEW_OVER: i64 = 8;
 
 /// The solution, or another one where only that is near the first guess.
 ///
@@ -40,13 +42,19 @@ pub(super) fn decided<'a>(
     let mut best = found;
     for mirrored in [moved_across, reflected] {
         if let Some(mirrored) = mirrored(&best.model) {
-            best = better(best, solve(mirrored, scale), start, |shift_mm, turn_deg| {
-                format!(
-                    "two mounts fit alike, {shift_mm:.3} mm and {turn_deg:.3}° apart: nothing says on which side of the \
+            best = better(
+                best,
+                solve(mirrored, scale),
+                start,
+                MIRRORED,
+                |shift_mm, turn_deg| {
+                    format!(
+                        "two mounts fit alike, {shift_mm:.3} mm and {turn_deg:.3}° apart: nothing says on which side of the \
                      laser's plane the balls are. Scan from more poses, so that the centres do not lie in one plane \
                      as the sensor sees them: move the axis across the plane, too"
-                )
-            })?;
+                    )
+                },
+            )?;
         }
     }
     Ok(best)
@@ -66,13 +74,19 @@ fn of_planes<'a>(
     if let Some(mount) = planes_reflected(&best.model) {
         let mut mirrored = at_mount(&best.model, mount);
         if descends_as_low(&mut mirrored, &best) {
-            best = better(best, solve(mirrored, scale), start, |shift_mm, turn_deg| {
-                format!(
-                    "two mounts fit alike, {shift_mm:.3} mm and {turn_deg:.3}° apart: each is the other one in a mirror. As the \
+            best = better(
+                best,
+                solve(mirrored, scale),
+                start,
+                MIRRORED,
+                |shift_mm, turn_deg| {
+                    format!(
+                        "two mounts fit alike, {shift_mm:.3} mm and {turn_deg:.3}° apart: each is the other one in a mirror. As the \
                      sensor's flange sees them, the planes all stand square to one plane. Turn another rotary axis, too, or \
                      scan a plane that is inclined otherwise"
-                )
-            })?;
+                    )
+                },
+            )?;
         }
     }
     if numbers_over(&best.model).0 > FEW_OVER {
@@ -80,12 +94,18 @@ fn of_planes<'a>(
     }
     for mut other in valleys(&best.model, start) {
         if descends_as_low(&mut other, &best) {
-            best = better(best, solve(other, scale), start, |shift_mm, turn_deg| {
-                format!(
-                    "two mounts fit alike, {shift_mm:.3} mm and {turn_deg:.3}° apart: the profiles are too few, or too much \
+            best = better(
+                best,
+                solve(other, scale),
+                start,
+                ["other_translation_mm", "other_rotation"],
+                |shift_mm, turn_deg| {
+                    format!(
+                        "two mounts fit alike, {shift_mm:.3} mm and {turn_deg:.3}° apart: the profiles are too few, or too much \
                      alike, to tell which it is. Take more profiles, with the rotary axes at other angles"
-                )
-            })?;
+                    )
+                },
+            )?;
         }
     }
     Ok(best)
@@ -111,11 +131,13 @@ fn variance(model: &MountModel<'_>, ssq: f64) -> f64 {
     variance.max(LEAST_SIGMA_MM * LEAST_SIGMA_MM)
 }
 
-/// Of two solutions the one that fits; where both do, the only one that is near the first guess. `in_words`: how both are told.
+/// Of two solutions the one that fits; where both do, the only one that is near the first guess. `names`, `in_words`: how the other one
+/// and both are told.
 fn better<'a>(
     best: Solution<MountModel<'a>>,
     other: Solution<MountModel<'a>>,
     start: &Pose,
+    names: [&'static str; 2],
     in_words: impl Fn(f64, f64) -> String,
 ) -> Result<Solution<MountModel<'a>>, ScanError> {
     let (this, that) = (best.model.mount, other.model.mount);
@@ -142,8 +164,8 @@ fn better<'a>(
         (_, true) => Ok(other),
         _ => Err(
             ScanError::refused("uncertain", in_words(shift_mm, turn_deg))
-                .with("mirrored_translation_mm", that.translation_mm.as_slice())
-                .with("mirrored_rotation", that.rows()),
+                .with(names[0], that.translation_mm.as_slice())
+                .with(names[1], that.rows()),
         ),
     }
 }

@@ -77,6 +77,10 @@ two rotary axes that moved, and a ball or an inclined plane, show all; balls who
 are known show all, too. What the data leave open is refused by name, however small the
 residuals are.
 
+A profile of a plane is a line and shows two numbers; unknown are the six of the mount and three of each
+plane. Where profiles show no more than that, or where two mounts fit alike, none is answered (`uncertain`):
+take more profiles, each with the rotary axes at other angles.
+
 The zero of the axis next to the sensor cannot be seen: turned or shifted by as much, the mount gives the same
 points. A wrong one goes into the mount, which is right with just that zero: calibrate again when it changes.
 

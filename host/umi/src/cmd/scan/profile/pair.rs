@@ -47,8 +47,8 @@ A profile or a latch whose time is wild stands apart from all others: it is left
 Of a frame that came again the first message counts, unless its time is wild. A profile within the
 jitter of two latches is left unpaired (`doubtful`), and so are two profiles within that of one.
 
-In a train as even as a clock, or whose rhythm repeats or drifts steadily, nothing tells where it
-begins (`even_train`; --strict refuses it), nor triggers that the sensor missed from a jump of its
+In a train as even as a clock, of one or two pairs, or whose rhythm repeats or drifts steadily, nothing
+tells where it begins (`even_train`; --strict refuses it), nor triggers that the sensor missed from a jump of its
 clock by whole intervals (`skipped`): uneven pulses, an encoder or changes of speed tell.
 
 Refused (status 2): ambiguous_pairing, no_match, no_triggers, no_profiles, which_cause,
