@@ -122,14 +122,25 @@ impl Run {
             // It was said of a run of which nothing else has come: this one is another.
             self.teaching = TeachingAct::None;
         }
-        // So was what was held against it for that.
-        (self.pending).retain(|of| !matches!(of, Reason::AlreadyTaught | Reason::TaughtTwice));
+        self.hold_no_teaching_against();
         self.run = Some(run);
         self.older_than = self.last_run.filter(|last| !is_after(run, *last));
         self.frame = None;
         self.moved.clear();
         self.shifted = None;
         self.began_with = None;
+    }
+
+    /// What a line that asked to teach is refused for concerns its own run alone.
+    ///
+    /// Not inlined: what it needs of the stack is free again when a setup is judged.
+    #[inline(never)]
+    fn hold_no_teaching_against(&mut self) {
+        for reason in core::mem::take(&mut self.pending) {
+            if !matches!(reason, Reason::AlreadyTaught | Reason::TaughtTwice) {
+                let _ = self.pending.push(reason);
+            }
+        }
     }
 
     pub(super) fn began_with_name(&self) -> Option<Name> {
