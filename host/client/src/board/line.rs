@@ -5,7 +5,7 @@
 //! At the right speed every character has its stop bit, all of them have one code's parity, nearly
 //! all stand in what controls print, and lines end. At a wrong one a UART hears broken characters,
 //! or others. So a speed *fits* where nothing is broken, one code takes every character that came,
-//! and at least one line has ended. A code is one of [`CODES`]; a character is known where the code
+//! they are not the same few again and again, and at least one line has ended. A code is one of [`CODES`]; a character is known where the code
 //! has it and a control prints it, or where it is a control's code (DC1 to DC4, NUL, line ends).
 
 use std::time::{Duration, Instant};
@@ -26,6 +26,9 @@ pub const CODES: [Coding; 4] = [
 
 /// With fewer characters nothing is said: they may be right by chance.
 pub const LEAST_CHARACTERS: usize = 24;
+
+/// Fewer different characters may be others at half the speed: `1` and a line end are.
+pub const LEAST_DIFFERENT: usize = 6;
 
 /// What controls print besides letters and digits.
 const SIGNS: &[u8] = b" +-.,*/()[]=:#%?_&@!\"';<>";
@@ -48,6 +51,8 @@ pub struct Judged {
     pub strange: usize,
     /// Line ends, a run of them taken as one.
     pub lines: usize,
+    /// Whether all is right but that no line has ended.
+    pub endless: bool,
     /// Whether the control's line is set like this.
     pub fits: bool,
 }
@@ -73,12 +78,17 @@ impl Listened {
             lines += usize::from(is_end && !before);
             before = is_end;
         }
-        let enough = self.bytes.len() >= LEAST_CHARACTERS;
+        let mut different = self.bytes.clone();
+        different.sort_unstable();
+        different.dedup();
+        let enough = self.bytes.len() >= LEAST_CHARACTERS && different.len() >= LEAST_DIFFERENT;
+        let right = enough && self.broken == 0 && strange == 0;
         Judged {
             coding,
             strange,
             lines,
-            fits: enough && self.broken == 0 && strange == 0 && lines > 0,
+            endless: right && lines == 0,
+            fits: right && lines > 0,
         }
     }
 
@@ -220,7 +230,8 @@ mod tests {
             }
             let mut open = of.clone();
             open.bytes.pop();
-            assert!(!open.judge().fits, "no line has ended");
+            let judged = open.judge();
+            assert!(judged.endless && !judged.fits, "no line has ended");
             let few = Listened {
                 bytes: of.bytes[TEXT.len() - LEAST_CHARACTERS + 1..].to_vec(),
                 broken: 0,
@@ -228,6 +239,18 @@ mod tests {
             assert!(!few.judge().fits, "too few to say so");
         }
         assert!(!Listened::default().judge().fits);
+    }
+
+    /// `1` and a line end at 4800 baud are two other characters at 9600, each right: a few characters say nothing.
+    #[test]
+    fn the_same_few_characters_say_nothing() {
+        let same = Listened {
+            bytes: b"ab\n".repeat(40),
+            broken: 0,
+        };
+        let judged = same.judge();
+        assert_eq!((judged.strange, judged.lines, judged.fits), (0, 40, false));
+        assert!(!judged.endless);
     }
 
     /// What Fanuc, Brother and Haas put around the text is known.

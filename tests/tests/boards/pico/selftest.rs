@@ -171,7 +171,7 @@ fn all_is_as_promised() {
     assert_eq!((again, early), (0, 0), "{aborts}");
 }
 
-/// Each of twelve faults fails its row; without them the board passes again.
+/// Each of thirteen faults fails its row; without them the board passes again.
 #[test]
 fn every_fault_is_found() {
     let Some(mut bench) = Bench::start() else {
@@ -194,6 +194,14 @@ fn every_fault_is_found() {
         failed.contains(&"a line that is not"),
         "a slow flash: {failed:?}"
     );
+    let words = |one_by_one: bool| json!({ "do": "cache", "words": one_by_one });
+    bench.emulator.ask(&words(true));
+    let table = bench.test();
+    bench.emulator.ask(&words(false));
+    let failed: Vec<&str> = table.failed().map(|row| row.name.as_str()).collect();
+    for row in ["of them found in its cache", "a line that is not"] {
+        assert!(failed.contains(&row), "words one by one: {failed:?}");
+    }
     // What the last fault has left is over after one more.
     let _ = bench.test();
     let failed: Vec<_> = bench.test().failed().cloned().collect();

@@ -137,12 +137,27 @@ impl Find {
                     "nothing came at any speed: let the control print meanwhile, and look at plug, TX and RX",
                 ))
             }
-            None => Err(Failure::refused(
-                "no_speed_fits",
-                "no speed fits: let the control print for longer, ask its parameters, and look at the 0 V wire between the two",
-            )),
+            None => Err(match endless(tried) {
+                Some(baud) => Failure::refused(
+                    "no_line_ends",
+                    format_args!(
+                        "at {baud} baud every character is right, and no line has ended: let the control print whole lines, \
+                         or set its line end to LF or CR LF (EOB)"
+                    ),
+                ),
+                None => Failure::refused(
+                    "no_speed_fits",
+                    "no speed fits: let the control print for longer, ask its parameters, and look at the 0 V wire between the two",
+                ),
+            }),
         }
     }
+}
+
+/// The speed at which only line ends are missing.
+fn endless(tried: &[Tried]) -> Option<u32> {
+    let is_endless = |of: &&Tried| of.came.as_ref().is_some_and(|came| came.judge().endless);
+    tried.iter().find(is_endless).map(|of| of.baud)
 }
 
 fn is_silent(came: &Listened) -> bool {

@@ -31,7 +31,8 @@ pub(crate) struct Virtual {
     /// pressed as long as somebody is connected. Held for a second it asks to teach
     #[arg(long, value_name = "PLACE", value_parser = tcp_place)]
     button: Option<PortPlace>,
-    /// Speed of the control's line: that fast, at most, bytes come and go
+    /// Pace of the control's line: that fast, at most, bytes come and go. The control is set as the board
+    /// is, always, so that any [line] of a job is right and `umi line find` fits at each speed
     #[arg(long, value_name = "BAUD", default_value_t = 115_200,
           value_parser = clap::value_parser!(u32).range(50..=10_000_000))]
     baud: u32,

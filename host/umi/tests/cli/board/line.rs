@@ -18,6 +18,15 @@ const LINE: &[u8] = b"UMI1 R 17 S 3 X- 135.019 Y- 136.620 C 4113.0474\n";
 /// A control of this speed and code that prints lines for ever, unless it is silent: what `umi
 /// line find` with these arguments says of it.
 fn find(baud: u32, coding: Option<Coding>, arguments: &[&str]) -> crate::rig::run::Ran {
+    find_text(baud, coding.map(|coding| (coding, LINE)), arguments)
+}
+
+/// The same of another text.
+fn find_text(
+    baud: u32,
+    prints: Option<(Coding, &'static [u8])>,
+    arguments: &[&str],
+) -> crate::rig::run::Ran {
     let control = LineSettings {
         baud,
         data_bits: 7,
@@ -34,9 +43,9 @@ fn find(baud: u32, coding: Option<Coding>, arguments: &[&str]) -> crate::rig::ru
     let address = port.address.clone();
     port.serve_host(&board);
     let is_over = Arc::new(AtomicBool::new(false));
-    let prints = coding.map(|coding| {
+    let prints = prints.map(|(coding, text)| {
         let (board, is_over) = (Arc::clone(&board), Arc::clone(&is_over));
-        let bytes: Vec<u8> = LINE.iter().filter_map(|b| encode(coding, *b)).collect();
+        let bytes: Vec<u8> = text.iter().filter_map(|b| encode(coding, *b)).collect();
         thread::spawn(move || {
             while !is_over.load(Ordering::Relaxed) {
                 board.control_sends(&bytes);
@@ -94,5 +103,9 @@ fn what_does_not_fit_is_said() {
     find(19_200, None, &["--baud", "19200"])
         .exits(2)
         .says("nothing came");
+    let open = Some((Coding::IsoEven, &b"X1.234 Y5.678 "[..]));
+    find_text(19_200, open, &["--baud", "19200"])
+        .exits(2)
+        .says("no line has ended");
     umi(&["line", "find", "--baud", "200"]).exits(1);
 }
