@@ -6,6 +6,7 @@ use umi_core::job::{Teaching, begins_anew};
 use umi_core::units::Micros;
 use umi_protocol::fault::{Fault, FaultCode};
 use umi_protocol::message::{MAX_RECORD, Record, TeachBy, TeachWhat};
+use umi_protocol::program::Withheld;
 use umi_protocol::schema::max_len;
 
 use crate::measure::patience_us;
@@ -160,13 +161,17 @@ impl Replay {
             | Record::Place(_)
             | Record::CaptureLost(_)
             | Record::ProgramDeleted { .. }
-            | Record::AlarmSent { .. }
             | Record::ProgramSent { .. }
             | Record::ProgramNotKept { .. }
             | Record::CorrectionBegun { .. }
             | Record::ProgramBegun { .. }
             | Record::JobLost { .. }
             | Record::Head(_) => Ok(()),
+            Record::AlarmSent { why, complete, .. }
+                if *why != Withheld::OnlyTaught || !complete =>
+            {
+                Ok(())
+            }
             Record::Scan(_) => self.nothing_expected(),
             Record::Latch(latch) => {
                 if let Some(brain) = &mut self.brain {
@@ -204,6 +209,7 @@ impl Replay {
             | Record::BytesLost { .. }
             | Record::Time
             | Record::InputEnd
+            | Record::AlarmSent { .. }
             | Record::TeachAsked { .. }
             | Record::ButtonHeld { .. } => {
                 let complete = self.nothing_expected();
@@ -294,7 +300,7 @@ impl Replay {
         *taken_back |= matches!(
             record,
             Record::BytesLost { .. }
-                | Record::TeachAsked { .. }
+                | Record::TeachAsked { keep: false, .. }
                 | Record::ButtonHeld { refused: None }
         );
         let mut fits = true;
@@ -313,14 +319,15 @@ impl Replay {
             Record::BytesLost { count } => brain.bytes_lost(now, *count, out),
             Record::Time => brain.on_time(now, out),
             // It was taken then, so it is now, or the decisions differ.
-            Record::TeachAsked { more } => {
-                let what = if *more {
-                    TeachWhat::More
-                } else {
-                    TeachWhat::Again
+            Record::TeachAsked { more, keep } => {
+                let what = match (more, keep) {
+                    (_, true) => TeachWhat::Keep,
+                    (true, _) => TeachWhat::More,
+                    _ => TeachWhat::Again,
                 };
                 let _ = brain.teach(now, TeachBy::Host, what, out);
             }
+            Record::AlarmSent { .. } => brain.compares(out),
             Record::ButtonHeld { refused: None } => {
                 let _ = brain.teach(now, TeachBy::Button, TeachWhat::Reference, out);
             }

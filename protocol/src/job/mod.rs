@@ -254,14 +254,14 @@ pub struct Lessons {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[postcard(crate = crate)]
 pub enum TeachLine {
-    /// There is no doubt: the control has read in its run, a setup was measured by it, or nobody asked.
+    /// There is no doubt: the control or a host has said so, a setup was measured by it, or nobody asked.
     #[default]
     None,
     /// `T1.`
     First,
     /// `T2.`: also in place of the reference that there is.
     Again,
-    /// A host or the button, and the control has not read in its run.
+    /// A host or the button, and neither the control nor a host has said that its run is the one that was meant.
     Unread,
 }
 

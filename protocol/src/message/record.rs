@@ -211,6 +211,8 @@ pub enum Record {
     TeachAsked {
         /// True: limits that were learned, and no reference. Older records have none of it.
         more: bool,
+        /// True: nothing, and the setup that taught the reference is the one that was meant.
+        keep: bool,
     },
     /// No job could be restored at start, and why: the board measures nothing before one is
     /// set. Not on a board whose journal is new.

@@ -27,7 +27,7 @@ pub enum TeachRefusal {
     #[error("a clamping is being measured: ask before it begins")]
     UnderWay,
     /// Nothing is taught that one more setup could add to.
-    #[error("nothing is taught yet: ask without --more")]
+    #[error("nothing is taught yet: ask without --more or --keep")]
     NotTaught,
     /// The job holds nothing against what was learned.
     #[error(
@@ -47,6 +47,8 @@ pub enum TeachWhat {
     Again,
     /// How features may be, besides what was learned before. The reference stays.
     More,
+    /// Nothing more: the setup that taught the reference is the one that was meant.
+    Keep,
 }
 
 /// A teaching that somebody has asked for and that has not happened yet.

@@ -740,17 +740,17 @@ pub enum Reason {
         /// Hits of the setup.
         hits: u16,
     },
-    /// The reference was taught for a host or the button in a run in which the control has not read since.
+    /// The reference was taught for a host or the button, and nobody has said that its run is the one that was meant.
     #[error(
-        "run {run} has taught and the control did not read in it, so it may be an old text that came before the run that was meant: `umi teach --again`, and read in the run that teaches"
+        "run {run} has taught, and it may be an old text that came before the run that was meant: `umi teach --keep {run}` if it is the right one, `umi teach --again` if not; a control that reads in the run that teaches says it as well"
     )]
     TaughtUnread {
         /// The run that taught.
         run: u32,
     },
-    /// The same where the control does not read: told once.
+    /// A remark of the setup that taught so.
     #[error(
-        "run {run} has taught: if that is the run that was meant, probe once more; if not, `umi teach --again`"
+        "it holds for other runs once the control has read in run {run}, or by `umi teach --keep {run}`"
     )]
     TaughtByRun {
         /// The run that taught.

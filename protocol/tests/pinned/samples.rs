@@ -385,7 +385,10 @@ pub fn record_after(sample: Option<&Record>) -> Option<Record> {
             crc32: 0xCBF4_3926,
             rewritten_for: Some(3),
         },
-        Some(Record::ProgramBegun { .. }) => Record::TeachAsked { more: true },
+        Some(Record::ProgramBegun { .. }) => Record::TeachAsked {
+            more: true,
+            keep: false,
+        },
         Some(Record::TeachAsked { .. }) => Record::JobLost {
             why: JobLoss::OtherSchema,
         },

@@ -123,6 +123,9 @@ impl<'a> Session<'a> {
             let _ = self.brain.teach(now, by, TeachWhat::Again, &mut |_| {});
         }
         self.print(&taught.lines);
+        // And says behind it that this was the one: it was the last to be probed.
+        let (now, by) = (Micros(self.now), TeachBy::Host);
+        let _ = self.brain.teach(now, by, TeachWhat::Keep, &mut |_| {});
         let spoilt = match self.kind {
             // The first one has none before it.
             DamageKind::BallsOfTwo => 2 + self.dice.below(CLAMPINGS - 2),

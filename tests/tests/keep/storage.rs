@@ -392,6 +392,9 @@ fn what_was_taught_more_is_kept() {
     board.control_sends(clamping(3).as_bytes());
     assert_eq!(after_verdicts(&mut client, 1).verdicts_ok, 1);
     let (records, findings) = journal(&mut client);
-    assert!(records.contains(&Record::TeachAsked { more: true }));
+    assert!(records.contains(&Record::TeachAsked {
+        more: true,
+        keep: false
+    }));
     assert_eq!(findings.differences, []);
 }

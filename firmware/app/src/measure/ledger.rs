@@ -15,7 +15,9 @@ use umi_protocol::job::{Job, Lessons, Name};
 use umi_protocol::job_error::Field;
 use umi_protocol::latch::SignalLevel;
 use umi_protocol::line::{HitReport, LineReport};
-use umi_protocol::message::{Event, Identity, JobLoss, Record, ResetReason, TeachRefusal};
+use umi_protocol::message::{
+    Event, Identity, JobLoss, Record, ResetReason, TeachRefusal, TeachWhat,
+};
 use umi_protocol::program::{ProgramInfo, ProgramRefusal, Release};
 use umi_protocol::reason::Reason;
 use umi_protocol::serial::LineSettings;
@@ -280,8 +282,9 @@ impl<F: Flash> Ledger<F> {
     }
 
     #[inline(never)]
-    pub(super) fn teach_asked(&mut self, now: Micros, more: bool) {
-        self.record(now, Record::TeachAsked { more });
+    pub(super) fn teach_asked(&mut self, now: Micros, what: TeachWhat) {
+        let (more, keep) = (what == TeachWhat::More, what == TeachWhat::Keep);
+        self.record(now, Record::TeachAsked { more, keep });
     }
 
     #[inline(never)]

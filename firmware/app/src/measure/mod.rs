@@ -294,8 +294,10 @@ impl<F: Flash> Instrument<F> {
     pub fn teach(&mut self, now: Micros, what: TeachWhat) -> Result<(), TeachRefusal> {
         let Self { brain, ledger, .. } = self;
         brain.run().may_teach(what)?;
-        ledger.forget();
-        ledger.teach_asked(now, what == TeachWhat::More);
+        if what != TeachWhat::Keep {
+            ledger.forget();
+        }
+        ledger.teach_asked(now, what);
         brain.teach(now, TeachBy::Host, what, &mut ledger.listen(now))?;
         self.keep_taught(now);
         Ok(())

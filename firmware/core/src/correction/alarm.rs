@@ -8,6 +8,7 @@ use umi_protocol::pattern::Coding;
 use umi_protocol::program::Withheld;
 use umi_protocol::verdict::MAX_CORRECTION;
 
+use super::dialect::programs_compare_runs;
 use super::run_check::{Compared, RunCheck};
 use crate::dprnt::encode;
 
@@ -50,10 +51,16 @@ pub fn alarm(
     (can_be_sent && !text.is_empty()).then_some(text)
 }
 
+/// Whether the program by which a control learns that this setup was taught compares its run with the one that taught.
+#[must_use]
+pub fn alarm_compares(dialect: Dialect, coding: Coding) -> bool {
+    programs_compare_runs(dialect) && coding != Coding::Eia
+}
+
 /// What the comment in such a program says: what to do.
 const fn what_to_do(why: &Withheld) -> &'static str {
     match why {
-        Withheld::OnlyTaught => "STANDS WHERE IT WAS TAUGHT - THE NEXT SETUP IS CORRECTED",
+        Withheld::OnlyTaught => "STANDS WHERE IT WAS TAUGHT - OF ANOTHER RUN: UMI TEACH AGAIN",
         Withheld::CorrectionGone => "EACH GOES OUT ONCE - PROBE THE PART",
         Withheld::JournalFull => "UMI LOG ACK - THEN PROBE THE PART",
         _ => "PROBE THE PART - READ WHAT THE BOARD SAYS OF IT",

@@ -46,7 +46,7 @@ use crate::registration::RigidTransform;
 use crate::units::Mm;
 use dialect::{Form, Turn};
 
-pub use alarm::alarm;
+pub use alarm::{alarm, alarm_compares};
 pub use program::{Cleared, Figures, write, write_given};
 pub(crate) use run_check::Compared;
 pub use run_check::RunCheck;

@@ -149,7 +149,7 @@ fn is_plain(record: &Record) -> bool {
             program.stated == Stated::default() && key_id.is_none()
         }
         Record::ProgramDeleted { key_id, .. } => key_id.is_none(),
-        Record::TeachAsked { more } => !more,
+        Record::TeachAsked { keep, .. } => !keep,
         Record::Head(head) => head.evidence.is_none(),
         _ => false,
     }
@@ -253,7 +253,20 @@ mod tests {
         for (record_now, added) in [
             (kept, 4),
             (deleted, 1),
-            (Record::TeachAsked { more: false }, 1),
+            (
+                Record::TeachAsked {
+                    more: true,
+                    keep: false,
+                },
+                1,
+            ),
+            (
+                Record::TeachAsked {
+                    more: false,
+                    keep: false,
+                },
+                2,
+            ),
         ] {
             let mut room = [0; umi_protocol::message::MAX_RECORD];
             let bytes = postcard::to_slice(&record_now, &mut room).unwrap();

@@ -60,7 +60,7 @@ pub fn teaching(of: &TeachPending, now_us: u64) -> String {
     let ago = format!("{}:{:02}:{:02}", ago / 3600, ago / 60 % 60, ago % 60);
     let teaches = match of.what {
         TeachWhat::Reference | TeachWhat::Again => "is to be the reference",
-        TeachWhat::More => "is to widen what was learned",
+        TeachWhat::More | TeachWhat::Keep => "is to widen what was learned",
     };
     match of.setup {
         TeachSetup::Next => format!("the setup that comes next {teaches}: {by} asked {ago} ago"),
@@ -110,10 +110,13 @@ pub fn record(record: &Record) -> String {
                 format!("correction {}", spec.dialect.name())
             })
         ),
-        Record::TeachAsked { more: false } => {
+        Record::TeachAsked { keep: true, .. } => {
+            "said that the setup that taught is the one that was meant".into()
+        }
+        Record::TeachAsked { more: false, .. } => {
             "asked to teach: the setup that comes next is to be the reference".into()
         }
-        Record::TeachAsked { more: true } => {
+        Record::TeachAsked { more: true, .. } => {
             "asked to teach more: the setup that comes next is to widen what was learned".into()
         }
         Record::ButtonHeld { refused: None } => {

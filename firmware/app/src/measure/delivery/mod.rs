@@ -282,7 +282,20 @@ impl<F: Flash> Instrument<F> {
                 _ => {}
             }
         }
+        let compares = matches!(
+            record,
+            Record::AlarmSent {
+                why: Withheld::OnlyTaught,
+                complete: true,
+                ..
+            }
+        );
         self.ledger.record(now, record);
+        if compares {
+            let Self { brain, ledger, .. } = self;
+            brain.compares(&mut ledger.listen(now));
+            self.keep_taught(now);
+        }
     }
 
     /// Whether a correction waits for the control, and whether it goes out by

@@ -6,9 +6,9 @@
 //!
 //! # Limitations
 //!
-//! If the newest entry is damaged at rest, or none can be read where something was, the board takes the
-//! strictest configuration and says so: which one was in force is not known. The one before may have had
-//! no ceilings.
+//! A configuration is written twice, so that damage at rest in one entry costs none; it may cost the
+//! greatest run the last step. If none can be read where something was, the board takes the strictest
+//! configuration and says so. A sector that reads as if it had never been begun is that of a new board.
 
 use serde::{Deserialize, Serialize};
 use umi_core::journal::{Flash, Journal, JournalError};
@@ -60,17 +60,17 @@ impl<F: Flash> Custody<F> {
             .filter(|found| found.entry.kind == KIND)
             .and_then(|found| postcard::from_bytes::<Kept>(found.entry.payload).ok())
             .filter(|kept| kept.config.check().is_ok());
-        // A board that is new has lost nothing: its memory is erased. What a power cut leaves of an entry that was
-        // never acknowledged is no damage, either.
-        let is_damaged = recovery.damaged_entries > 0
-            || recovery.chain_restarted
-            || recovery.damaged_headers > 0
-            || (recovery.fresh && recovery.sector_unfinished);
-        let is_fallback = is_damaged || (found.is_none() && newest.is_some());
-        let mut kept = found.unwrap_or(NOTHING_KEPT);
-        if is_fallback {
-            kept.config = BoardConfig::strictest();
-        }
+        // A board that is new has lost nothing; nor has one whose first entry was cut.
+        let was_there = newest.is_some() || recovery.damaged_headers > 0;
+        let is_fallback = found.is_none() && was_there;
+        let kept = match found {
+            Some(kept) => kept,
+            None if is_fallback => Kept {
+                config: BoardConfig::strictest(),
+                ..NOTHING_KEPT
+            },
+            None => NOTHING_KEPT,
+        };
         Ok(Self {
             ring,
             kept,
@@ -105,6 +105,10 @@ impl<F: Flash> Custody<F> {
         let payload = postcard::to_slice(&kept, &mut room).map_err(|_| NotInCustody)?;
         let appended = self.ring.append(KIND, now, payload);
         appended.map_err(|_| NotInCustody)?;
+        if kept.config != self.kept.config {
+            // Damage at rest in one of the two costs no ceiling. Without the second it is kept none the less.
+            let _ = self.ring.append(KIND, now, payload);
+        }
         self.kept = kept;
         self.is_fallback = false;
         Ok(())
@@ -193,33 +197,31 @@ mod tests {
         assert_eq!(Custody::open(flash).unwrap().kept(), &configured());
     }
 
-    /// A bit that has changed in the newest entry, or a sector that reads as nothing it ever was: which configuration was
-    /// in force is not known, so that it is the strictest, and said. What a power cut has left of an entry is none.
+    /// A bit that has changed anywhere costs no ceiling: the configuration is as it was, or the strictest.
     #[test]
-    fn damage_is_strict() {
+    fn damage_costs_no_ceiling() {
         let flash = RamFlash::new();
         let mut opened = Custody::open(flash.clone()).unwrap();
         opened.save(Micros(1), NOTHING_KEPT).unwrap();
         opened.save(Micros(2), configured()).unwrap();
         let whole = flash.bytes();
         let used = whole.iter().rposition(|byte| *byte != 0xFF).unwrap();
-        let opened_with = |bytes: &[u8]| {
-            Custody::open(RamFlash::of(bytes))
-                .ok()
-                .map(|of| (*of.kept(), of.fallbacks().len()))
-        };
-        assert_eq!(opened_with(&whole), Some((configured(), 0)));
-        for at in used - 20..=used {
+        let mut as_it_was = 0;
+        for bit in 0..8 * (used + 1) {
             let mut damaged = whole.clone();
-            damaged[at] ^= 1;
-            let (kept, fallbacks) = opened_with(&damaged).unwrap();
-            assert_eq!(kept.config, BoardConfig::strictest(), "byte {at}");
-            assert_eq!(fallbacks, ConfigField::ALL.len());
+            damaged[bit / 8] ^= 1 << (bit % 8);
+            // A board whose ring is none sends nothing out.
+            let Ok(opened) = Custody::open(RamFlash::of(&damaged)) else {
+                continue;
+            };
+            let strictest = BoardConfig::strictest();
+            let told = opened.fallbacks().len() == ConfigField::ALL.len();
+            match opened.kept().config {
+                config if config == configured().config => as_it_was += 1,
+                config => assert!(config == strictest && told, "bit {bit}: {config:?}"),
+            }
         }
-        let mut zeroed = whole.clone();
-        zeroed[..4096].fill(0);
-        let (kept, _) = opened_with(&zeroed).unwrap();
-        assert_eq!(kept.config, BoardConfig::strictest());
+        assert!(as_it_was > 4 * used, "{as_it_was}");
     }
 
     /// Every entry fits.

@@ -79,7 +79,6 @@ impl Run {
             self.give_up(Reason::OrderUnknown { began_with }, out);
             self.began_with = None;
         }
-        self.read_where_taught(out);
     }
 
     /// The control asks for a program on a line of its own, which comes in its turn: what it
@@ -93,7 +92,6 @@ impl Run {
             self.finish_unfinished(out);
             self.close(None, out);
         }
-        self.read_where_taught(out);
     }
 
     /// A line of this run came again with other content, and was dropped.

@@ -33,6 +33,7 @@ impl Run {
                 remark,
                 Reason::Taught
                     | Reason::TaughtMore { .. }
+                    | Reason::TaughtByRun { .. }
                     | Reason::OfRun { .. }
                     | Reason::Witnessed { .. }
                     | Reason::WitnessLearned
@@ -104,17 +105,14 @@ impl Run {
     /// Whether this setup, which taught nothing, shows that the one that did was meant: it was measured by it; or
     /// that `T2.` is in the program no more, where that was the doubt.
     fn ends_doubt(&self, verdict: &Verdict) -> bool {
-        let says = |is: fn(&Reason) -> bool| verdict.reasons.iter().any(|of| is(&of.reason));
         if self.against.contains(&Reason::TaughtTwice) {
             return false;
         }
         let is_whole = self.slots.iter().all(|slot| slot.in_this_setup);
         match self.taught_by {
             _ if verdict.ok || self.reference.is_none() => true,
-            TeachLine::None | TeachLine::First => false,
             TeachLine::Again => is_whole && self.older_than.is_none(),
-            // Told once, where no reading can say it.
-            TeachLine::Unread => says(|of| matches!(of, Reason::TaughtByRun { .. })),
+            TeachLine::None | TeachLine::First | TeachLine::Unread => false,
         }
     }
 
@@ -181,7 +179,7 @@ impl Run {
         }
         self.against_closing(job, verdict);
         self.against_step(job, verdict);
-        self.against_unread(job, verdict);
+        self.against_unread(verdict);
         let mut taught = false;
         let complete = measured.len() == place_count(job);
         let may_teach =
@@ -426,6 +424,9 @@ impl Run {
     fn add_remarks(&mut self, taught: bool, verdict: &mut Verdict) {
         if taught {
             self.remark(Reason::Taught);
+            if let (Some(run), TeachLine::Unread) = (self.run, self.taught_by) {
+                self.remark(Reason::TaughtByRun { run });
+            }
         }
         if let Some(run) = self.run {
             // Never dropped: what goes out is compared with it.

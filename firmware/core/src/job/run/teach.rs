@@ -1,9 +1,7 @@
 //! Teaching: who asked for it, what a setup teaches, and what was taught.
 
 use heapless::Vec;
-use umi_protocol::job::{
-    CorrectionSpec, Job, Learned, Lessons, MAX_FEATURES, Reference, SendWhen, Teach, TeachLine,
-};
+use umi_protocol::job::{Learned, Lessons, MAX_FEATURES, Reference, Teach, TeachLine};
 use umi_protocol::message::{TeachBy, TeachPending, TeachRefusal, TeachSetup, TeachWhat};
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::Verdict;
@@ -93,6 +91,12 @@ impl Run {
         out: &mut impl FnMut(Decision<'_>),
     ) -> Result<(), TeachRefusal> {
         self.may_teach(what)?;
+        if what == TeachWhat::Keep {
+            if self.taught_by == TeachLine::Unread {
+                self.no_doubt(out);
+            }
+            return Ok(());
+        }
         let again = what == TeachWhat::Again;
         self.asked = Asked { by, at: now, again };
         if by != TeachBy::Line && what != TeachWhat::More {
@@ -128,12 +132,11 @@ impl Run {
         self.teaching == TeachingAct::Next(Lesson::Reference) && self.asked.by != TeachBy::Line
     }
 
-    /// The control reads behind the setup that was taught: that is the one that was meant.
-    pub(super) fn read_where_taught(&mut self, out: &mut impl FnMut(Decision<'_>)) {
-        if self.taught_by == TeachLine::Unread
-            && self.progress == Progress::Judged
-            && self.taught_here
-        {
+    /// The control has got the program that compares the run that taught with its own: it goes on in that run, and stops
+    /// in another one.
+    pub fn compares(&mut self, out: &mut impl FnMut(Decision<'_>)) {
+        let is_judged = self.progress == Progress::Judged;
+        if self.taught_by == TeachLine::Unread && is_judged && self.taught_here {
             self.no_doubt(out);
         }
     }
@@ -149,19 +152,12 @@ impl Run {
     }
 
     /// What is held against a setup that is measured by a reference that may be another's.
-    pub(super) fn against_unread(&self, job: &Job, verdict: &mut Verdict) {
+    pub(super) fn against_unread(&self, verdict: &mut Verdict) {
         let run = self.learned.line_run;
-        if self.taught_by != TeachLine::Unread || self.reference.is_none() || self.run == Some(run)
-        {
-            return;
+        let is_taught = self.taught_by == TeachLine::Unread && self.reference.is_some();
+        if is_taught && self.run != Some(run) {
+            setup::add(verdict, Reason::TaughtUnread { run });
         }
-        let reads = |of: &CorrectionSpec| of.send == SendWhen::OnRequest;
-        let reason = if job.correction.as_ref().is_some_and(reads) {
-            Reason::TaughtUnread { run }
-        } else {
-            Reason::TaughtByRun { run }
-        };
-        setup::add(verdict, reason);
     }
 
     pub(super) fn is_taught_by_asking(&self) -> bool {
@@ -189,7 +185,7 @@ impl Run {
             _ if self.is_under_way() => Err(TeachRefusal::UnderWay),
             TeachWhat::Reference if is_taught => Err(TeachRefusal::AlreadyTaught),
             TeachWhat::More if job.guards.learned.is_none() => Err(TeachRefusal::NoLearned),
-            TeachWhat::More if !is_taught => Err(TeachRefusal::NotTaught),
+            TeachWhat::More | TeachWhat::Keep if !is_taught => Err(TeachRefusal::NotTaught),
             _ => Ok(()),
         }
     }

@@ -9,7 +9,7 @@ use std::collections::HashMap;
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 
-use super::rivals::apart;
+use super::distance::apart;
 use super::{MountModel, SampleSights};
 use crate::calibrate::features::{plane_through, points_by_feature};
 use crate::calibrate::observations::{Observation, Observations};

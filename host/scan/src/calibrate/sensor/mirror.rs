@@ -13,7 +13,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::rivals::APART;
+use super::distance::APART;
 use super::{MountModel, SampleSights};
 use crate::rigid::orthonormal;
 use umi_kinematics::Pose;

@@ -4,6 +4,7 @@
 //! observations, `p = flange · X · (x, 0, z)` in the workpiece's frame. Unknown are X, and
 //! each plane, each centre that is not known, and one radius if it is free.
 
+mod distance;
 mod lines;
 mod mirror;
 mod rivals;
@@ -672,7 +673,7 @@ fn farther_than_asked(mount: &Pose, start: &Pose) -> Option<String> {
     if rivals::is_within(mount, start, rivals::CLEARLY_FARTHER) {
         return None;
     }
-    let (shift_mm, turn_deg) = rivals::apart(mount, start);
+    let (shift_mm, turn_deg) = distance::apart(mount, start);
     let (most_mm, most_deg) = rivals::GUESS;
     Some(format!(
         "far_from_start: the mount is turned by {turn_deg:.1}° and shifted by {shift_mm:.1} mm from [sensor] of the machine file, \

@@ -1,15 +1,13 @@
 //! Other mounts that fit as well as the one that was found. Where one does, the first guess decides, or nobody.
 
+use super::distance::{APART, apart};
 use super::lines::{Within, at_mount, numbers_over, valleys};
 use super::mirror::{moved_across, planes_reflected, reflected};
 use super::{MountModel, SampleSights};
 use crate::ScanError;
 use crate::calibrate::solve::{MOST_NOISE_MM, Solution, descend, solve};
-use crate::rigid::rotation_vector;
 use umi_kinematics::Pose;
 
-/// Mounts that are less apart are one: 0.05 mm, 0.03°.
-pub(super) const APART: (f64, f64) = (0.05, 0.03);
 /// So many standard deviations tell one from the other.
 const CLEARLY: f64 = 5.0;
 /// Residuals below are rounding.
@@ -174,11 +172,4 @@ fn better<'a>(
 pub(super) fn is_within(mount: &Pose, start: &Pose, times: f64) -> bool {
     let (shift_mm, turn_deg) = apart(mount, start);
     shift_mm <= times * GUESS.0 && turn_deg <= times * GUESS.1
-}
-
-/// How far one mount is from another: mm, degrees.
-pub(super) fn apart(a: &Pose, b: &Pose) -> (f64, f64) {
-    let turn = rotation_vector(&(a.rotation * b.rotation.transpose()));
-    let shift = a.translation_mm - b.translation_mm;
-    (shift.norm(), turn.norm().to_degrees())
 }

@@ -11,6 +11,7 @@ use serde_json::json;
 use umi_client::axes::{NAMES, Scale};
 use umi_protocol::fault::FaultCode;
 use umi_protocol::hello::{KEY, VERSION};
+use umi_protocol::job::TeachLine;
 use umi_protocol::latch::{LatchCounters, Positions};
 use umi_protocol::message::{AccessMode, Identity, JobLoss, JournalInfo, Status};
 use umi_protocol::update::{ImageInfo, ImagePlace};
@@ -48,6 +49,9 @@ impl Info {
         let positions = board.positions()?;
         let in_force = reads.then(|| board.job()).transpose()?;
         let scale = Scale::of(in_force.as_ref().and_then(|of| of.job.as_ref()));
+        let unread = in_force.as_ref().map(|of| &of.learned);
+        let unread = unread.filter(|of| of.line == TeachLine::Unread);
+        let unread = unread.map(|of| of.line_run);
         let teachings = in_force.and_then(|of| {
             let further = of.learned.further;
             of.taught_mm.map(|_| 1 + u32::from(further))
@@ -60,13 +64,20 @@ impl Info {
                 "umi": env!("CARGO_PKG_VERSION"),
                 "status": json::status(&status),
                 "teachings": teachings,
+                "taught_unread_run": unread,
                 "positions": json::positions(&positions, &scale),
                 "journal": journal.as_ref().map(json::journal_info),
                 "access": { "mode": status.access },
                 "image": image.as_ref().map(json::image),
             }));
         }
-        print(&text(&identity, &status, teachings, journal, image))?;
+        print(&text(
+            &identity,
+            &status,
+            (teachings, unread),
+            journal,
+            image,
+        ))?;
         print(&axes(&positions, &scale))?;
         print(&latches(status.latches))?;
         print(&received(&status))
@@ -76,7 +87,7 @@ impl Info {
 fn text(
     identity: &Identity,
     status: &Status,
-    teachings: Option<u32>,
+    (teachings, unread): (Option<u32>, Option<u32>),
     journal: Option<JournalInfo>,
     image: Option<ImageInfo>,
 ) -> String {
@@ -125,6 +136,11 @@ fn text(
         None => "none yet".to_owned(),
     };
     table.row(["reference".to_owned(), reference]);
+    if let Some(run) = unread {
+        let said =
+            format!("holds once the control has read in run {run}, or by `umi teach --keep {run}`");
+        table.styled([(PLAIN, String::new()), (CAUTION, said)]);
+    }
     if let Some(pending) = &status.teaching {
         let said = teaching(pending, status.uptime_us);
         table.styled([(CAUTION, "teaching".to_owned()), (CAUTION, said)]);

@@ -4,6 +4,7 @@ use crate::failure::Failure;
 use crate::show::terminal::{GOOD, count, paint, print, print_json};
 use clap::Args;
 use serde_json::json;
+use umi_protocol::job::TeachLine;
 use umi_protocol::message::TeachWhat;
 
 use crate::cmd::{Board, Format};
@@ -21,6 +22,9 @@ pub(crate) struct Teach {
     /// clamping shows: it counts if it is OK without them
     #[arg(long, conflicts_with = "again")]
     more: bool,
+    /// Keep the reference that this run has taught: it is the run that was meant, and no old text
+    #[arg(long, value_name = "RUN", conflicts_with_all = ["again", "more"])]
+    keep: Option<u32>,
     #[command(flatten)]
     pub format: Format,
 }
@@ -30,14 +34,15 @@ Examples:
   umi teach                             then clamp the part as programmed, and probe it
   umi teach --again --port /dev/ttyACM0
   umi teach --more                      then probe, as often as you like: each time once
+  umi teach --keep 17                   run 17 has taught, and it is the one that was meant
 
 A job with `teach = \"asked\"` teaches nothing by itself. If the clamping is NG, nothing is
 taught: ask again. A checked line asks as well: `G65 P8811 T1.` (T2. replaces), for its own run
-alone. `umi teach` cannot name a run: text of an old one that comes late may teach in place of the
-one that is meant. So let the control read in the run that teaches, as in every run. A control that
-reads in another run stops with UMI TAUGHT BY RUN; a run that nothing was read in is no reference
-for another (taught_unread). Where the control does not read (`send`), the run that taught is told
-once (taught_by_run). Then teach again, or probe once more. umi info and umi watch say what was
+alone. `umi teach` and the button cannot name a run: text of an old one that comes late may teach in
+place of the one that is meant. So other runs are NG (taught_unread) until something says which run
+that was: the control, which reads in the run that teaches (in another one it stops with UMI TAUGHT
+BY RUN: then `umi teach --again`), or `umi teach --keep RUN`. On Siemens, Heidenhain, in EIA and by
+XMODEM, and where nothing is read (`send`), only --keep says it. umi info and umi watch say what was
 asked for and has not happened yet, by whom and since when. A board that starts anew has not been
 asked.
 
@@ -50,11 +55,22 @@ Exit status: 0 the next clamping teaches, 1 usage or connection, 2 the board ref
 impl Teach {
     pub fn run(self) -> Result<(), Failure> {
         let mut board = self.board.connect()?;
-        let what = match (self.again, self.more) {
-            (_, true) => TeachWhat::More,
-            (true, _) => TeachWhat::Again,
+        let what = match (self.again, self.more, self.keep) {
+            (.., Some(_)) => TeachWhat::Keep,
+            (_, true, _) => TeachWhat::More,
+            (true, ..) => TeachWhat::Again,
             _ => TeachWhat::Reference,
         };
+        if let Some(run) = self.keep {
+            let learned = board.job()?.learned;
+            if learned.line == TeachLine::Unread && learned.line_run != run {
+                let taught = learned.line_run;
+                let message = format_args!(
+                    "run {taught} has taught, not run {run}: if run {run} was meant, teach again (umi teach --again)"
+                );
+                return Err(Failure::refused("other_run", message));
+            }
+        }
         if let Err(refusal) = board.teach(what)? {
             return Err(Failure::refused(refusal.code(), refusal));
         }
@@ -68,6 +84,7 @@ impl Teach {
                 "the clamping that is probed next is to widen what {} taught",
                 count(taught.into(), "clamping")
             ),
+            TeachWhat::Keep => "the reference holds: other runs are measured by it".to_owned(),
             _ => "the clamping that is probed next is to be the reference".to_owned(),
         };
         print(&format!("{}\n", paint(GOOD, said)))

@@ -143,7 +143,7 @@ fn of_two_setups_that_lines_teach_neither_is_the_reference() {
         let taken = run.teach(Micros(9), HOST, what, &mut |d| outcome.take(d));
         assert_eq!(taken, Ok(()));
         send(&mut run, &mut outcome, &clamping(0, [1, 2, 3]), 6);
-        run.control_reads(&mut |d| outcome.take(d));
+        run.compares(&mut |d| outcome.take(d));
         send(&mut run, &mut outcome, &clamping(1, [1, 2, 3]), 7);
         assert_eq!(outcome.summary()[5..], ["OK", "OK"]);
         assert!(outcome.verdicts[6].registration.is_some());
@@ -226,7 +226,7 @@ fn what_a_host_has_taught_holds_once_the_control_has_read_in_it() {
             }
             send(&mut run, &mut outcome, &clamping(0, all), 2);
             if reads {
-                run.control_reads(&mut |d| outcome.take(d));
+                run.compares(&mut |d| outcome.take(d));
             }
             let taught = run.taught().unwrap();
             let (places, learned) = (taught.places.to_vec(), taught.learned.clone());
@@ -238,7 +238,7 @@ fn what_a_host_has_taught_holds_once_the_control_has_read_in_it() {
                     of_run,
                 );
                 // Too late: it is another run's.
-                run.control_reads(&mut |d| outcome.take(d));
+                run.compares(&mut |d| outcome.take(d));
             }
             let expected = if reads { "OK" } else { "taught_unread" };
             assert_eq!(outcome.summary()[2..], [expected; 2], "{by:?} {line:?}");
@@ -253,7 +253,7 @@ fn what_a_host_has_taught_holds_once_the_control_has_read_in_it() {
             let again = after.teach(Micros(9), by, TeachWhat::Again, &mut |d| outcome.take(d));
             assert_eq!(again, Ok(()));
             send(&mut after, &mut outcome, &clamping(0, all), 6);
-            after.control_asks(&mut |d| outcome.take(d));
+            after.compares(&mut |d| outcome.take(d));
             send(&mut after, &mut outcome, &clamping(1, all), 7);
             assert_eq!(outcome.summary()[1..], ["OK", "OK"]);
             assert!(outcome.verdicts[2].registration.is_some());
@@ -261,37 +261,48 @@ fn what_a_host_has_taught_holds_once_the_control_has_read_in_it() {
     }
 }
 
-/// Where the control does not read, which run has taught is told once.
+/// Where no control compares the runs, a host says that the run that taught is the one that was meant; until then no setup is
+/// measured by it, whatever else comes.
 #[test]
-fn a_control_that_does_not_read_is_told_once_which_run_has_taught() {
+fn a_host_says_that_the_run_that_taught_was_meant() {
     let all = [1, 2, 3];
-    let of = |send_when: Option<SendWhen>| {
+    for send_when in [Some(SendWhen::OnVerdict), Some(SendWhen::Never), None] {
         let mut job = with_ids(job());
         job.teach = Teach::Asked;
         match send_when {
             Some(when) => job.correction.as_mut().unwrap().send = when,
+            // By whose registration programs are rewritten.
             None => job.correction = None,
         }
         let mut run = Run::new(job);
         let mut outcome = Outcome::default();
+        let keep = |run: &mut Run, outcome: &mut Outcome| {
+            run.teach(Micros(9), HOST, TeachWhat::Keep, &mut |d| outcome.take(d))
+        };
+        assert_eq!(keep(&mut run, &mut outcome), Err(TeachRefusal::NotTaught));
         let what = TeachWhat::Reference;
         let taken = run.teach(Micros(9), HOST, what, &mut |d| outcome.take(d));
         assert_eq!(taken, Ok(()));
-        for of_run in 1..=3 {
-            send(
-                &mut run,
-                &mut outcome,
-                &clamping(of_run as usize - 1, all),
-                of_run,
-            );
-        }
-        outcome.summary()
-    };
-    let once = ["OK", "taught_by_run", "OK"];
-    assert_eq!(of(Some(SendWhen::OnVerdict)), once);
-    assert_eq!(of(Some(SendWhen::Never)), once);
-    // By whose registration programs are rewritten.
-    assert_eq!(of(None), once);
+        send(&mut run, &mut outcome, &clamping(0, all), 1);
+        let told =
+            |of: &umi_protocol::verdict::SetupReason| of.reason == Reason::TaughtByRun { run: 1 };
+        assert!(outcome.verdicts[0].remarks.iter().any(told));
+        send(&mut run, &mut outcome, &clamping(1, all), 2);
+        send(&mut run, &mut outcome, &clamping(2, all)[..2], 3);
+        send(&mut run, &mut outcome, &clamping(3, all), 2);
+        send(&mut run, &mut outcome, &clamping(1, all), 4);
+        let summary = outcome.summary();
+        assert!(
+            summary[1..].iter().all(|of| of.contains("taught_unread")),
+            "{summary:?}"
+        );
+        assert_eq!(keep(&mut run, &mut outcome), Ok(()));
+        send(&mut run, &mut outcome, &clamping(2, all), 5);
+        assert_eq!(outcome.summary().last().unwrap(), "OK");
+        assert!(outcome.verdicts.last().unwrap().registration.is_some());
+        // Nothing more to say.
+        assert_eq!(keep(&mut run, &mut outcome), Ok(()));
+    }
 }
 
 /// What a line said of a run of which nothing else has come is not held against the next one, which a host asks for.
