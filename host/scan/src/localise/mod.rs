@@ -401,7 +401,7 @@ fn verdict_reasons(
             "scale",
             format_args!(
                 "the scan is {:.6} times as large as it should be ({off_ppm:+.0} ppm, limit {scale_limit_ppm} ppm){more}: \
-                 shrinkage, temperature, or the scanner's calibration",
+                 shrinkage, temperature, wear that grows along the part, or the scanner's calibration",
                 c.scale
             ),
         ));

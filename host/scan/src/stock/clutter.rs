@@ -1,8 +1,9 @@
 //! Points of other things: a wall behind a face that nobody scanned belongs to that face by its distance, and is none of
 //! its stock.
 //!
-//! What is left out stands off the part by far more than the rest of the scan, and apart from it: a raw part with much
-//! stock on one face is scanned without a gap around its edges.
+//! What is left out stands off the part by more than the rest of the scan, and apart from it: a raw part with much stock on one
+//! face is scanned without a gap around its edges. Where such a face is scanned with a gap it is left out as well, and told as
+//! not scanned: no verdict is OK by what may be a wall.
 
 use std::collections::HashMap;
 
@@ -19,8 +20,8 @@ const CUBE: f64 = 0.02;
 const ABOUT: f64 = 0.1;
 /// Something stands off if nearly all of it has so many times the stock of nearly all of the raw part, and this share of
 /// the part's size.
-const TIMES: f64 = 4.0;
-const OFF: f64 = 0.1;
+const TIMES: f64 = 2.5;
+const OFF: f64 = 0.03;
 /// Nearly all: but this share.
 const BUT: f64 = 0.1;
 /// Points that the spacing is seen by.

@@ -4,7 +4,7 @@
 
 use nalgebra::Vector3;
 
-use super::rivals::apart;
+use super::distance::apart;
 use super::{MountModel, SampleSights};
 use crate::calibrate::features::Cut;
 use crate::calibrate::observations::Observations;
