@@ -157,6 +157,7 @@ pub fn run(
             pivot: Vector3::zeros(),
             start: Pose::identity(),
             require_mm: None,
+            apart_is_raw: false,
             demands: &demands,
             threads,
         };

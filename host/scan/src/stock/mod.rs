@@ -49,6 +49,8 @@ pub struct StockTask<'a> {
     pub start: Pose,
     /// The least stock that is demanded, in mm.
     pub require_mm: Option<f64>,
+    /// What is apart from the rest of the scan and stands further off the part than it is the raw part's, too.
+    pub apart_is_raw: bool,
     /// Faces with demands of their own.
     pub demands: &'a [Demand],
     /// Threads.
@@ -131,7 +133,10 @@ impl StockTask<'_> {
         let surface = CompositeSurface::from(self.model.clone());
         let there = measure(&surface, self.points, &self.start, &[], self.threads);
         let diagonal_mm = self.model.diagonal_mm();
-        let clutter = clutter::find(self.points, &there, diagonal_mm, self.threads);
+        let clutter = match self.apart_is_raw {
+            true => Vec::new(),
+            false => clutter::find(self.points, &there, diagonal_mm, self.threads),
+        };
         if clutter.is_empty() {
             return self.of_one_body(&surface);
         }

@@ -61,6 +61,7 @@ fn task<'a>(model: &'a Mesh, points: &'a [Vec3]) -> StockTask<'a> {
         pivot: Vec3::zeros(),
         start: Pose::identity(),
         require_mm: None,
+        apart_is_raw: false,
         demands: &[],
         threads: Threads::new(2),
     }
@@ -552,8 +553,22 @@ fn much_stock_on_one_face_is_stock() {
     assert_eq!(found.clutter.len(), 0);
     assert!(found.reasons.is_empty(), "{:?}", found.reasons);
     assert!(found.max_mm > 14.0, "{}", found.max_mm);
-    // Ten times the stock of the others on faces that are scanned apart from each other.
-    let points = raw([4.0, 4.0, 0.4, 0.4, 0.4, 0.4].map(Some), &moved());
+    // Ten times the stock of the others on faces that are scanned apart from each other may be a wall; and twice may not.
+    let faces = |mm: [f64; 6]| raw(mm.map(Some), &moved());
+    let points = faces([4.0, 4.0, 0.4, 0.4, 0.4, 0.4]);
+    let found = self::task(&model, &points).find().unwrap();
+    assert!(!found.clutter.is_empty());
+    assert!(
+        found.reasons.iter().any(|of| of.code == "unmeasured"),
+        "{:?}",
+        found.reasons
+    );
+    // Unless somebody says that it is the raw part's.
+    let mut told = self::task(&model, &points);
+    told.apart_is_raw = true;
+    let found = told.find().unwrap();
+    assert_eq!((found.clutter.len(), found.reasons.len()), (0, 0));
+    let points = faces([4.0, 4.0, 2.0, 2.0, 2.0, 2.0]);
     let found = self::task(&model, &points).find().unwrap();
     assert_eq!((found.clutter.len(), found.reasons.len()), (0, 0));
 }

@@ -48,6 +48,9 @@ pub(crate) struct Stock {
     /// The stock that every face needs
     #[arg(long, value_name = "MM", allow_hyphen_values = true, value_parser = finite)]
     require: Option<f64>,
+    /// What is apart from the rest of the scan is of the raw part too, however much further off it stands
+    #[arg(long)]
+    apart: bool,
     /// Faces with demands of their own: `[[face]]` name, mesh, stock_mm or profile_mm
     #[arg(long, value_name = "FACES.toml")]
     faces: Option<PathBuf>,
@@ -78,9 +81,10 @@ positive is material. The transform carries part coordinates into the scan's.
 Verdict OK: by any objective, every face has the stock that it needs.
 
 Single points that no neighbour is like are left out as spikes. Where one of them has
-too little stock, the verdict is NG: a pit can be that narrow. What stands far off the
-part and apart from the rest of the scan, as a wall behind it, is left out, too, with a
-warning: it shows no face.
+too little stock, the verdict is NG: a pit can be that narrow. What is apart from the
+rest of the scan and stands off by 2.5 times the stock of the rest and 3 % of the part's
+size, as a wall behind it may, is left out, too, with a warning: it shows no face. Where
+it is the raw part's own, scan what lies between, or say --apart.
 
 Examples:
   umi scan stock part.stl raw.ply
@@ -184,6 +188,7 @@ impl Stock {
             pivot: Vec3::from(self.pivot),
             start,
             require_mm: self.require,
+            apart_is_raw: self.apart,
             demands: &demands,
             threads: self.threads.map_or_else(Threads::all, Threads::new),
         };
@@ -210,7 +215,7 @@ impl Stock {
         if !found.clutter.is_empty() {
             warnings.push(format!(
                 "clutter: {} points were left out as other things than the raw part: they stand far off the part, and apart from \
-                 the rest of the scan. Where they are of the raw part, scan what lies between",
+                 the rest of the scan. Where they are of the raw part, scan what lies between, or say --apart",
                 found.clutter.len()
             ));
         }
