@@ -6,7 +6,6 @@ use umi_core::job::{Teaching, begins_anew};
 use umi_core::units::Micros;
 use umi_protocol::fault::{Fault, FaultCode};
 use umi_protocol::message::{MAX_RECORD, Record, TeachBy, TeachWhat};
-use umi_protocol::program::Withheld;
 use umi_protocol::schema::max_len;
 
 use crate::measure::patience_us;
@@ -167,11 +166,10 @@ impl Replay {
             | Record::ProgramBegun { .. }
             | Record::JobLost { .. }
             | Record::Head(_) => Ok(()),
-            Record::AlarmSent { why, complete, .. }
-                if *why != Withheld::OnlyTaught || !complete =>
-            {
-                Ok(())
+            Record::AlarmSent {
+                complete: false, ..
             }
+            | Record::AlarmSent { run: None, .. } => Ok(()),
             Record::Scan(_) => self.nothing_expected(),
             Record::Latch(latch) => {
                 if let Some(brain) = &mut self.brain {
@@ -327,7 +325,11 @@ impl Replay {
                 };
                 let _ = brain.teach(now, TeachBy::Host, what, out);
             }
-            Record::AlarmSent { .. } => brain.compares(out),
+            Record::AlarmSent { run, .. } => {
+                if let Some(run) = run {
+                    brain.compares(*run, out);
+                }
+            }
             Record::ButtonHeld { refused: None } => {
                 let _ = brain.teach(now, TeachBy::Button, TeachWhat::Reference, out);
             }

@@ -18,7 +18,6 @@ use umi_protocol::message::{TeachBy, TeachRefusal, TeachWhat};
 use umi_protocol::pattern::Coding;
 use umi_protocol::verdict::Verdict;
 
-use crate::correction::alarm_compares;
 use crate::dprnt::{Item, Line, LineSplitter, ReportedHit};
 use crate::job::{self, Decision, Run, Teaching};
 use crate::units::Micros;
@@ -167,17 +166,9 @@ impl Brain {
         self.run.teach(now, by, what, &mut decisions(out))
     }
 
-    /// The control has got the program that compares the run that taught with its own.
-    pub fn compares(&mut self, out: &mut impl FnMut(Output<'_>)) {
-        let coding = self.coding();
-        let by_run = |job: &&Job| job.guards.run_variable.is_some();
-        let spec = self
-            .job()
-            .filter(by_run)
-            .and_then(|job| job.correction.as_ref());
-        if spec.is_some_and(|spec| alarm_compares(spec.dialect, coding)) {
-            self.run.compares(&mut decisions(out));
-        }
+    /// The control has got the program that compares this run, which taught, with its own.
+    pub fn compares(&mut self, run: u32, out: &mut impl FnMut(Output<'_>)) {
+        self.run.compares(run, &mut decisions(out));
     }
 
     /// When [`Self::on_time`] is due.

@@ -169,6 +169,8 @@ pub enum Record {
         bytes: u32,
         /// False: the control stopped it or the line broke before its end.
         complete: bool,
+        /// The run that taught, where the program compares it with the control's. Older records have none of it.
+        run: Option<u32>,
     },
     /// A part program went out to the control that asked for it.
     ProgramSent {

@@ -360,6 +360,7 @@ pub fn record_after(sample: Option<&Record>) -> Option<Record> {
             key_id: Some(KEY_ID),
         },
         Some(Record::ProgramDeleted { .. }) => Record::AlarmSent {
+            run: Some(7),
             number: 9010,
             why: Withheld::NotRewritable {
                 line: 12,

@@ -113,7 +113,14 @@ fn older(entry: &Entry<'_>) -> Option<Record> {
     const ADDED: usize = 16;
     let grown = matches!(
         entry.kind,
-        JOB_SET | REFERENCE_RESTORED | TAUGHT | PROGRAM_KEPT | PROGRAM_DELETED | TEACH_ASKED | HEAD
+        JOB_SET
+            | REFERENCE_RESTORED
+            | TAUGHT
+            | PROGRAM_KEPT
+            | PROGRAM_DELETED
+            | ALARM_SENT
+            | TEACH_ASKED
+            | HEAD
     );
     let mut bytes = entry.payload.to_vec();
     bytes.resize(bytes.len() + ADDED, 0);
@@ -128,6 +135,7 @@ const REFERENCE_RESTORED: u8 = 3;
 const TAUGHT: u8 = 11;
 const PROGRAM_KEPT: u8 = 15;
 const PROGRAM_DELETED: u8 = 16;
+const ALARM_SENT: u8 = 17;
 const TEACH_ASKED: u8 = 22;
 /// Kind number of [`Record::Head`].
 const HEAD: u8 = 24;
@@ -150,6 +158,7 @@ fn is_plain(record: &Record) -> bool {
         }
         Record::ProgramDeleted { key_id, .. } => key_id.is_none(),
         Record::TeachAsked { keep, .. } => !keep,
+        Record::AlarmSent { run, .. } => run.is_none(),
         Record::Head(head) => head.evidence.is_none(),
         _ => false,
     }

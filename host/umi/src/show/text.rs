@@ -267,6 +267,7 @@ pub fn record(record: &Record) -> String {
             why,
             bytes,
             complete,
+            ..
         } => paint(
             CAUTION,
             format_args!(

@@ -47,7 +47,7 @@ mod stream;
 use core::fmt::Write as _;
 
 use umi_core::control::{Exchange, XOFF_PATIENCE_US};
-use umi_core::correction::{RunCheck, withheld};
+use umi_core::correction::{RunCheck, alarm_compares, withheld};
 use umi_core::journal::Flash;
 use umi_core::registration::RigidTransform;
 use umi_core::rewrite::{
@@ -213,11 +213,12 @@ impl<F: Flash> Instrument<F> {
                 bytes,
                 complete,
             },
-            What::Alarm { number, why } => Record::AlarmSent {
+            What::Alarm { number, why, run } => Record::AlarmSent {
                 number,
                 why,
                 bytes,
                 complete,
+                run,
             },
             What::Answer => {
                 if complete {
@@ -282,18 +283,18 @@ impl<F: Flash> Instrument<F> {
                 _ => {}
             }
         }
-        let compares = matches!(
-            record,
+        let compares = match record {
             Record::AlarmSent {
-                why: Withheld::OnlyTaught,
                 complete: true,
+                run,
                 ..
-            }
-        );
+            } => run,
+            _ => None,
+        };
         self.ledger.record(now, record);
-        if compares {
+        if let Some(run) = compares {
             let Self { brain, ledger, .. } = self;
-            brain.compares(&mut ledger.listen(now));
+            brain.compares(run, &mut ledger.listen(now));
             self.keep_taught(now);
         }
     }
@@ -347,7 +348,10 @@ impl<F: Flash> Instrument<F> {
             return false;
         };
         let number = spec.program_number.into();
-        self.open(What::Alarm { number, why }, 0, &text);
+        let is_taught = why == Withheld::OnlyTaught && check.is_some();
+        let compares = is_taught && alarm_compares(spec.dialect, self.coding());
+        let run = run.filter(|_| compares);
+        self.open(What::Alarm { number, why, run }, 0, &text);
         true
     }
 

@@ -73,6 +73,8 @@ pub(super) enum What {
     Alarm {
         number: u32,
         why: Withheld,
+        /// The run that taught, where the program compares it with the control's.
+        run: Option<u32>,
     },
     /// Of the station of a distance sensor.
     Answer,

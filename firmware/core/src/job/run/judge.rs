@@ -60,8 +60,11 @@ impl Run {
             let was_asked = self.teaching == TeachingAct::This(Lesson::Reference);
             // Nothing says more of a setup without a run, or is moved by one that moves nothing.
             let matters = self.run.is_some() && self.job.get().is_some_and(moves_something);
+            // A job that is taught by its first setup is so by the one behind that which was asked for and NG.
+            let elsewhere = core::mem::take(&mut self.asked_elsewhere);
             self.taught_by = match self.asked.line() {
-                _ if !was_asked => TeachLine::None,
+                _ if !was_asked && !elsewhere => TeachLine::None,
+                _ if !was_asked && matters => TeachLine::Unread,
                 TeachLine::Unread if !matters => TeachLine::None,
                 by => by,
             };

@@ -89,6 +89,8 @@ pub struct Run {
     teaching: TeachingAct,
     /// Who asked to teach, and when: means nothing where nobody has.
     asked: Asked,
+    /// A host or the button has asked for the reference, and nothing has taught one since.
+    asked_elsewhere: bool,
     /// Who has taught the reference, as long as that leaves it in doubt; or the setup before was refused
     /// for saying so again.
     taught_by: TeachLine,
@@ -156,6 +158,7 @@ impl Run {
             unwidened: ZeroOption::empty(),
             teaching: TeachingAct::None,
             asked: Asked::NOBODY,
+            asked_elsewhere: false,
             taught_by: TeachLine::None,
             slots: Vec::new(),
             setup: 0,
@@ -201,6 +204,7 @@ impl Run {
             unwidened,
             teaching,
             asked,
+            asked_elsewhere,
             taught_by,
             slots,
             setup,
@@ -234,7 +238,7 @@ impl Run {
         *learned = Lessons::NONE;
         unwidened.clear();
         (*teaching, *asked) = (TeachingAct::None, Asked::NOBODY);
-        *taught_by = TeachLine::None;
+        (*asked_elsewhere, *taught_by) = (false, TeachLine::None);
         slots.clear();
         for _ in &job.features {
             // Bounded: there are as many slots as a job can have features.

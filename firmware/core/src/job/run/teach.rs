@@ -102,6 +102,7 @@ impl Run {
         if by != TeachBy::Line && what != TeachWhat::More {
             // Whoever asks there knows of what lines have taught.
             self.taught_by = TeachLine::None;
+            self.asked_elsewhere = true;
         }
         self.next_setup();
         self.began_with = None;
@@ -132,11 +133,11 @@ impl Run {
         self.teaching == TeachingAct::Next(Lesson::Reference) && self.asked.by != TeachBy::Line
     }
 
-    /// The control has got the program that compares the run that taught with its own: it goes on in that run, and stops
-    /// in another one.
-    pub fn compares(&mut self, out: &mut impl FnMut(Decision<'_>)) {
-        let is_judged = self.progress == Progress::Judged;
-        if self.taught_by == TeachLine::Unread && is_judged && self.taught_here {
+    /// The control has got the program that compares this run, which taught, with its own: it goes on in that run, and stops
+    /// in another one. Not where another run has taught meanwhile.
+    pub fn compares(&mut self, run: u32, out: &mut impl FnMut(Decision<'_>)) {
+        let is_here = self.progress == Progress::Judged && self.taught_here;
+        if self.taught_by == TeachLine::Unread && is_here && self.learned.line_run == run {
             self.no_doubt(out);
         }
     }

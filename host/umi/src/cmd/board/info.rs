@@ -138,7 +138,7 @@ fn text(
     table.row(["reference".to_owned(), reference]);
     if let Some(run) = unread {
         let said =
-            format!("holds once the control has read in run {run}, or by `umi teach --keep {run}`");
+            format!("holds by `umi teach --keep {run}`, or once the control has compared the runs");
         table.styled([(PLAIN, String::new()), (CAUTION, said)]);
     }
     if let Some(pending) = &status.teaching {

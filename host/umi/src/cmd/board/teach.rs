@@ -40,9 +40,10 @@ A job with `teach = \"asked\"` teaches nothing by itself. If the clamping is NG,
 taught: ask again. A checked line asks as well: `G65 P8811 T1.` (T2. replaces), for its own run
 alone. `umi teach` and the button cannot name a run: text of an old one that comes late may teach in
 place of the one that is meant. So other runs are NG (taught_unread) until something says which run
-that was: the control, which reads in the run that teaches (in another one it stops with UMI TAUGHT
-BY RUN: then `umi teach --again`), or `umi teach --keep RUN`. On Siemens, Heidenhain, in EIA and by
-XMODEM, and where nothing is read (`send`), only --keep says it. umi info and umi watch say what was
+that was: the control, which reads the program by which it compares the runs (in another run it stops
+with UMI TAUGHT BY RUN: then `umi teach --again`; a READ before the meant run begins counts, too), or
+`umi teach --keep RUN`. On Siemens, Heidenhain, in EIA, by XMODEM, without `run_variable`, and where
+nothing is read (`send`), only --keep says it. umi info and umi watch say what was
 asked for and has not happened yet, by whom and since when. A board that starts anew has not been
 asked.
 
@@ -63,11 +64,22 @@ impl Teach {
         };
         if let Some(run) = self.keep {
             let learned = board.job()?.learned;
-            if learned.line == TeachLine::Unread && learned.line_run != run {
-                let taught = learned.line_run;
-                let message = format_args!(
+            let taught = learned.line_run;
+            let message = match learned.line {
+                TeachLine::None | TeachLine::Unread
+                    if taught == run || learned.smallest.is_empty() =>
+                {
+                    None
+                }
+                TeachLine::None | TeachLine::Unread => Some(format!(
                     "run {taught} has taught, not run {run}: if run {run} was meant, teach again (umi teach --again)"
-                );
+                )),
+                // Of two setups that lines teach, --keep says nothing.
+                TeachLine::First | TeachLine::Again => Some(format!(
+                    "a line (T1. or T2.) of run {taught} has taught: probe once without it, or teach again (umi teach --again)"
+                )),
+            };
+            if let Some(message) = message {
                 return Err(Failure::refused("other_run", message));
             }
         }
