@@ -371,7 +371,15 @@ impl<F: Flash> Instrument<F> {
             Ok(part) => self.open_program(now, part),
             Err(why) => {
                 let text = withheld(number, &why, self.coding());
-                self.open(What::Alarm { number, why }, 0, &text);
+                self.open(
+                    What::Alarm {
+                        number,
+                        why,
+                        run: None,
+                    },
+                    0,
+                    &text,
+                );
             }
         }
         true

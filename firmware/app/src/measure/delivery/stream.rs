@@ -176,7 +176,11 @@ impl Delivery {
         };
         let number = *number;
         let text = withheld(number, &why, self.coding);
-        self.what = What::Alarm { number, why };
+        self.what = What::Alarm {
+            number,
+            why,
+            run: None,
+        };
         self.arming = 0;
         self.stage = Stage::Ended;
         self.rewriter.clear();
