@@ -295,7 +295,9 @@ fn read_program(line: &mut dyn ControlLine) -> Result<Option<String>, Problem> {
         && let Some(character) = next(line)?
     {
         program.push(character);
+        // Looked through where it may have ended, not at each of its lines.
         if character == '\n'
+            && program.trim_end().ends_with('%')
             && let Some(whole) = whole(&program)
         {
             return Ok(Some(whole.to_owned()));
@@ -319,7 +321,6 @@ fn read_program(line: &mut dyn ControlLine) -> Result<Option<String>, Problem> {
 mod tests {
     use std::collections::VecDeque;
     use std::io::{Read, Result, Write};
-
     use std::time::Duration;
 
     use super::{ControlLine, DC1, read_program, whole};
