@@ -301,7 +301,8 @@ mod tests {
         exposure_us = 300.0
         busy_us = 1000.0
         least_pulse_us = 20.0
-        every_us = 2000.0
+        every_us = 0.0
+        every_counts = 1600
         clock_offset_us = 123456.0
         clock_drift_ppm = -35.0
         encoder_axis = 0
