@@ -1,7 +1,7 @@
 //! Keys as files: Ed25519 as PKCS #8 and SPKI in PEM (RFC 8410), as other programs read them, too.
 
 use std::fs::OpenOptions;
-use std::io::Write as _;
+use std::io::{Read as _, Write as _};
 use std::path::{Path, PathBuf};
 
 pub use ed25519_dalek::SigningKey;
@@ -13,6 +13,9 @@ use ed25519_dalek::pkcs8::{
 
 use crate::journal::nonce;
 use crate::problem::Problem;
+
+/// Longer than any key's text, in bytes.
+const LONGEST: u64 = 16_384;
 
 /// A public key as text.
 ///
@@ -29,8 +32,7 @@ pub fn public_text(key: &[u8; 32]) -> Result<String, Problem> {
 /// # Errors
 /// The file cannot be read; `not_a_key`.
 pub fn read_public(path: &Path) -> Result<[u8; 32], Problem> {
-    let text =
-        std::fs::read_to_string(path).map_err(|error| Problem::file("read", path, &error))?;
+    let text = read(path)?;
     parse_public(&text).ok_or_else(|| not_a_key(&path.display().to_string()))
 }
 
@@ -44,13 +46,13 @@ pub fn parse_public(text: &str) -> Option<[u8; 32]> {
 /// Reads a secret key; `passphrase` is asked for the one of a file that is encrypted.
 ///
 /// # Errors
-/// The file cannot be read; `not_a_key`; `wrong_passphrase`; what `passphrase` says.
+/// The file cannot be read; `not_a_key`; `wrong_passphrase`; `key_seen_by_others`: it has no
+/// passphrase, and not its owner alone can read it; what `passphrase` says.
 pub fn read_secret(
     path: &Path,
     passphrase: impl FnOnce() -> Result<String, Problem>,
 ) -> Result<SigningKey, Problem> {
-    let text =
-        std::fs::read_to_string(path).map_err(|error| Problem::file("read", path, &error))?;
+    let text = read(path)?;
     let file = path.display();
     if text.contains("BEGIN ENCRYPTED PRIVATE KEY") {
         return SigningKey::from_pkcs8_encrypted_pem(&text, passphrase()?).map_err(|_| {
@@ -58,12 +60,45 @@ pub fn read_secret(
             Problem::trouble("wrong_passphrase", message)
         });
     }
-    SigningKey::from_pkcs8_pem(&text).map_err(|_| {
+    let key = SigningKey::from_pkcs8_pem(&text).map_err(|_| {
         let message = format_args!(
             "{file} is no Ed25519 secret key: give the file that `umi key new` wrote, not its .pub"
         );
         Problem::trouble("not_a_key", message)
-    })
+    })?;
+    if is_seen_by_others(path)? {
+        let message = format_args!(
+            "{file} is a secret key without a passphrase, and others on this computer can read it: who had it is the board's user, too. Make a new one (umi key new), or, if nobody else has been here, `chmod 600 {file}`"
+        );
+        return Err(Problem::trouble("key_seen_by_others", message));
+    }
+    Ok(key)
+}
+
+/// The text of a key, which is short: what is longer, or has no end, is none.
+fn read(path: &Path) -> Result<String, Problem> {
+    let mut text = Vec::new();
+    std::fs::File::open(path)
+        .and_then(|file| file.take(LONGEST).read_to_end(&mut text))
+        .map_err(|error| Problem::file("read", path, &error))?;
+    Ok(String::from_utf8_lossy(&text).into_owned())
+}
+
+/// Whether a file's permissions let its group or everybody read it.
+fn is_seen_by_others(path: &Path) -> Result<bool, Problem> {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt as _;
+        let about = path
+            .metadata()
+            .map_err(|error| Problem::file("read", path, &error))?;
+        Ok(about.is_file() && about.permissions().mode() & 0o077 != 0)
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = path;
+        Ok(false)
+    }
 }
 
 fn not_a_key(what: &str) -> Problem {
@@ -153,6 +188,15 @@ mod tests {
             use std::os::unix::fs::PermissionsExt as _;
             let mode = std::fs::metadata(&plain).unwrap().permissions().mode();
             assert_eq!(mode & 0o777, 0o600);
+            let ask = || -> Result<String, Problem> { panic!("it has no passphrase") };
+            assert_eq!(read_secret(&plain, ask).unwrap(), signing);
+            let open = std::fs::Permissions::from_mode(0o640);
+            std::fs::set_permissions(&plain, open).unwrap();
+            let refused = read_secret(&plain, ask).unwrap_err();
+            assert_eq!(refused.code, "key_seen_by_others");
+            // It has no end.
+            let refused = read_secret(Path::new("/dev/zero"), ask).unwrap_err();
+            assert_eq!(refused.code, "not_a_key");
         }
         assert_eq!(new(&plain, None).err().unwrap().code, "file");
         std::fs::remove_file(&plain).unwrap();

@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 
 use crate::failure::Failure;
 use crate::show::terminal::{CAUTION, paint, print_error};
+use clap::builder::{OsStringValueParser, TypedValueParser as _};
 use clap::{Args, Subcommand};
 use umi_client::board::link::Client;
 use umi_client::files::job_file::{self, SessionJob};
@@ -133,7 +134,9 @@ pub(crate) struct Board {
     port: Port,
     /// The secret key to prove to a board that has an owner (umi key new). Its passphrase, if it has
     /// one, is asked for at the terminal
-    #[arg(id = "user_key", long = "key", value_name = "FILE", env = "UMI_KEY")]
+    // An empty variable is none, which a parser of paths would refuse.
+    #[arg(id = "user_key", long = "key", value_name = "FILE", env = "UMI_KEY",
+          value_parser = OsStringValueParser::new().map(PathBuf::from))]
     key: Option<PathBuf>,
 }
 

@@ -368,6 +368,10 @@ fn record(record: &Record) -> Value {
             }
             return Value::Object(object);
         }
+        // `seq` is the entry's own.
+        Record::Acknowledged { seq, lost } => {
+            return json!({"type": "acknowledged", "acked_seq": seq, "lost": lost});
+        }
         Record::JobSet { job, key_id } => {
             return json!({"type": "job_set", "job": job, "key_id": id(key_id.as_ref())});
         }

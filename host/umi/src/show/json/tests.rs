@@ -334,6 +334,10 @@ fn an_entry_is_its_record_with_number_and_time() {
     let value = entry(8, 2, &Record::Verdict(empty_verdict()));
     assert_eq!(value["type"], "verdict");
     assert_eq!(value["seq"], 8);
+    let value = entry(9, 3, &Record::Acknowledged { seq: 5, lost: 2 });
+    assert_eq!(value["seq"], 9);
+    assert_eq!(value["acked_seq"], 5);
+    assert_eq!(value["lost"], 2);
 }
 
 /// Faults are counted by their names.
