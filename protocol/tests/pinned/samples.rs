@@ -14,9 +14,9 @@ use umi_protocol::head::{EvidenceMark, Head, HeadAnswer};
 use umi_protocol::hello::{Hello, Version};
 use umi_protocol::job::name;
 use umi_protocol::job::{
-    AgainSpec, Approach, Closing, Compensation, CorrectionSpec, Dialect, FeatureKind, FeatureSpec,
-    Guards, Job, Learned, LearnedLimits, Lessons, Limits, ProbingSpec, ProgramEnd, Reference,
-    SendWhen, SkipSpec, Teach, TeachLine, WarmthSpec, WitnessSpec, WorkOffset,
+    AgainSpec, Approach, Closing, Compensation, CorrectionSpec, Dialect, Doubt, FeatureKind,
+    FeatureSpec, Guards, Job, Learned, LearnedLimits, Lessons, Limits, ProbingSpec, ProgramEnd,
+    Reference, SendWhen, SkipSpec, Teach, WarmthSpec, WitnessSpec, WorkOffset,
 };
 use umi_protocol::job_error::{Field, JobError};
 use umi_protocol::latch::{
@@ -494,8 +494,8 @@ fn lessons() -> Lessons {
         further: 2,
         tool_length_mm: Some(81.5),
         feed_mm_per_min: 50.0,
-        line: TeachLine::Again,
-        line_run: 7,
+        doubt: Doubt::Again,
+        run: 7,
     }
 }
 

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use umi_protocol::feature::FitReport;
-use umi_protocol::job::{Closing, FeatureSpec, Job, Lessons, Name, Teach, TeachLine};
+use umi_protocol::job::{Closing, Doubt, FeatureSpec, Job, Lessons, Name, Teach};
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::Verdict;
 
@@ -62,10 +62,10 @@ impl Run {
             let matters = self.run.is_some() && self.job.get().is_some_and(moves_something);
             // A job that is taught by its first setup is so by the one behind that which was asked for and NG.
             let elsewhere = core::mem::take(&mut self.asked_elsewhere);
-            self.taught_by = match self.asked.line() {
-                _ if !was_asked && !elsewhere => TeachLine::None,
-                _ if !was_asked && matters => TeachLine::Unread,
-                TeachLine::Unread if !matters => TeachLine::None,
+            self.doubt = match self.asked.doubt() {
+                _ if !was_asked && !elsewhere => Doubt::None,
+                _ if !was_asked && matters => Doubt::Unread,
+                Doubt::Unread if !matters => Doubt::None,
                 by => by,
             };
         } else if self.ends_doubt(&verdict) {
@@ -78,8 +78,8 @@ impl Run {
             self.learned.smallest = self.shown();
             self.learned.tool_length_mm = self.moved.get().map(|moved| moved.tool_length_mm);
             self.learned.feed_mm_per_min = self.feed_mm_per_min;
-            self.learned.line = self.taught_by;
-            self.learned.line_run = self.run.unwrap_or(0);
+            self.learned.doubt = self.doubt;
+            self.learned.run = self.run.unwrap_or(0);
             let learned = &self.learned;
             let places = &measured;
             out(Decision::Taught(Teaching { places, learned }));
@@ -90,7 +90,7 @@ impl Run {
             out(Decision::Taught(Teaching::NONE));
             self.reference = None;
             self.learned = Lessons::NONE;
-            self.taught_by = TeachLine::None;
+            self.doubt = Doubt::None;
         } else if widens && let Some(taught) = self.taught() {
             out(Decision::Taught(taught));
         }
@@ -112,10 +112,10 @@ impl Run {
             return false;
         }
         let is_whole = self.slots.iter().all(|slot| slot.in_this_setup);
-        match self.taught_by {
+        match self.doubt {
             _ if verdict.ok || self.reference.is_none() => true,
-            TeachLine::Again => is_whole && self.older_than.is_none(),
-            TeachLine::None | TeachLine::First | TeachLine::Unread => false,
+            Doubt::Again => is_whole && self.older_than.is_none(),
+            Doubt::None | Doubt::First | Doubt::Unread => false,
         }
     }
 
@@ -427,7 +427,7 @@ impl Run {
     fn add_remarks(&mut self, taught: bool, verdict: &mut Verdict) {
         if taught {
             self.remark(Reason::Taught);
-            if let (Some(run), TeachLine::Unread) = (self.run, self.taught_by) {
+            if let (Some(run), Doubt::Unread) = (self.run, self.doubt) {
                 self.remark(Reason::TaughtByRun { run });
             }
         }

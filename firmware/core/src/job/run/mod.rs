@@ -31,7 +31,7 @@ mod told;
 
 use heapless::Vec;
 use umi_protocol::feature::FeatureResult;
-use umi_protocol::job::{FeatureSpec, Job, Lessons, MAX_FEATURES, Name, Reference, TeachLine};
+use umi_protocol::job::{Doubt, FeatureSpec, Job, Lessons, MAX_FEATURES, Name, Reference};
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::Verdict;
 
@@ -93,7 +93,7 @@ pub struct Run {
     asked_elsewhere: bool,
     /// Who has taught the reference, as long as that leaves it in doubt; or the setup before was refused
     /// for saying so again.
-    taught_by: TeachLine,
+    doubt: Doubt,
     /// The latest result of each feature, and whether it belongs to this setup.
     slots: Vec<Slot, MAX_FEATURES>,
     /// Number of the setup under way, from 0.
@@ -159,7 +159,7 @@ impl Run {
             teaching: TeachingAct::None,
             asked: Asked::NOBODY,
             asked_elsewhere: false,
-            taught_by: TeachLine::None,
+            doubt: Doubt::None,
             slots: Vec::new(),
             setup: 0,
             progress: Progress::Empty,
@@ -205,7 +205,7 @@ impl Run {
             teaching,
             asked,
             asked_elsewhere,
-            taught_by,
+            doubt,
             slots,
             setup,
             progress,
@@ -238,7 +238,7 @@ impl Run {
         *learned = Lessons::NONE;
         unwidened.clear();
         (*teaching, *asked) = (TeachingAct::None, Asked::NOBODY);
-        (*asked_elsewhere, *taught_by) = (false, TeachLine::None);
+        (*asked_elsewhere, *doubt) = (false, Doubt::None);
         slots.clear();
         for _ in &job.features {
             // Bounded: there are as many slots as a job can have features.

@@ -1,7 +1,7 @@
 //! Teaching: who asked for it, what a setup teaches, and what was taught.
 
 use heapless::Vec;
-use umi_protocol::job::{Learned, Lessons, MAX_FEATURES, Reference, Teach, TeachLine};
+use umi_protocol::job::{Doubt, Learned, Lessons, MAX_FEATURES, Reference, Teach};
 use umi_protocol::message::{TeachBy, TeachPending, TeachRefusal, TeachSetup, TeachWhat};
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::Verdict;
@@ -40,11 +40,11 @@ impl Asked {
     };
 
     /// Who that is, for the setup that it teaches.
-    pub(super) fn line(self) -> TeachLine {
+    pub(super) fn doubt(self) -> Doubt {
         match (self.by, self.again) {
-            (TeachBy::Line, true) => TeachLine::Again,
-            (TeachBy::Line, false) => TeachLine::First,
-            _ => TeachLine::Unread,
+            (TeachBy::Line, true) => Doubt::Again,
+            (TeachBy::Line, false) => Doubt::First,
+            _ => Doubt::Unread,
         }
     }
 }
@@ -92,7 +92,7 @@ impl Run {
     ) -> Result<(), TeachRefusal> {
         self.may_teach(what)?;
         if what == TeachWhat::Keep {
-            if self.taught_by == TeachLine::Unread {
+            if self.doubt == Doubt::Unread {
                 self.no_doubt(out);
             }
             return Ok(());
@@ -101,7 +101,7 @@ impl Run {
         self.asked = Asked { by, at: now, again };
         if by != TeachBy::Line && what != TeachWhat::More {
             // Whoever asks there knows of what lines have taught.
-            self.taught_by = TeachLine::None;
+            self.doubt = Doubt::None;
             self.asked_elsewhere = true;
         }
         self.next_setup();
@@ -119,11 +119,11 @@ impl Run {
     /// taught by a line, too, and may be an old text that came late. `T2.` behind `T1.` says it: this
     /// one. A job that is taught by its first setup has no more protection than that `T2.` does not
     /// teach each.
-    pub(super) fn doubts(&self, line: TeachLine) -> bool {
-        match self.taught_by {
-            TeachLine::None | TeachLine::Unread => false,
-            TeachLine::First => line == TeachLine::First && self.is_taught_by_asking(),
-            TeachLine::Again => line == TeachLine::Again || self.is_taught_by_asking(),
+    pub(super) fn doubts(&self, line: Doubt) -> bool {
+        match self.doubt {
+            Doubt::None | Doubt::Unread => false,
+            Doubt::First => line == Doubt::First && self.is_taught_by_asking(),
+            Doubt::Again => line == Doubt::Again || self.is_taught_by_asking(),
         }
     }
 
@@ -137,15 +137,15 @@ impl Run {
     /// in another one. Not where another run has taught meanwhile.
     pub fn compares(&mut self, run: u32, out: &mut impl FnMut(Decision<'_>)) {
         let is_here = self.progress == Progress::Judged && self.taught_here;
-        if self.taught_by == TeachLine::Unread && is_here && self.learned.line_run == run {
+        if self.doubt == Doubt::Unread && is_here && self.learned.run == run {
             self.no_doubt(out);
         }
     }
 
     /// Which setup was meant is in doubt no more.
     pub(super) fn no_doubt(&mut self, out: &mut impl FnMut(Decision<'_>)) {
-        self.taught_by = TeachLine::None;
-        if core::mem::take(&mut self.learned.line) != TeachLine::None
+        self.doubt = Doubt::None;
+        if core::mem::take(&mut self.learned.doubt) != Doubt::None
             && let Some(taught) = self.taught()
         {
             out(Decision::Taught(taught));
@@ -154,8 +154,8 @@ impl Run {
 
     /// What is held against a setup that is measured by a reference that may be another's.
     pub(super) fn against_unread(&self, verdict: &mut Verdict) {
-        let run = self.learned.line_run;
-        let is_taught = self.taught_by == TeachLine::Unread && self.reference.is_some();
+        let run = self.learned.run;
+        let is_taught = self.doubt == Doubt::Unread && self.reference.is_some();
         if is_taught && self.run != Some(run) {
             setup::add(verdict, Reason::TaughtUnread { run });
         }
@@ -222,7 +222,7 @@ impl Run {
         if self.reference_is_taught() && due == Some(taught.places.len()) {
             self.reference = Vec::from_slice(taught.places).ok();
             self.learned = taught.learned.clone();
-            self.taught_by = self.learned.line;
+            self.doubt = self.learned.doubt;
             self.feed_mm_per_min = self.learned.feed_mm_per_min;
         }
     }

@@ -1,6 +1,6 @@
 //! What lines say beside hits: the run, its work offset, and what else moves its coordinates.
 
-use umi_protocol::job::{Name, TeachLine};
+use umi_protocol::job::{Doubt, Name};
 use umi_protocol::message::{TeachBy, TeachRefusal, TeachWhat};
 use umi_protocol::reason::Reason;
 
@@ -67,11 +67,7 @@ impl Run {
                 if self.is_asked_elsewhere() {
                     return;
                 }
-                let line = if again {
-                    TeachLine::Again
-                } else {
-                    TeachLine::First
-                };
+                let line = if again { Doubt::Again } else { Doubt::First };
                 if self.doubts(line) {
                     if self.is_taught_by_asking() {
                         self.forget(out);

@@ -11,7 +11,7 @@ use serde_json::json;
 use umi_client::axes::{NAMES, Scale};
 use umi_protocol::fault::FaultCode;
 use umi_protocol::hello::{KEY, VERSION};
-use umi_protocol::job::TeachLine;
+use umi_protocol::job::Doubt;
 use umi_protocol::latch::{LatchCounters, Positions};
 use umi_protocol::message::{AccessMode, Identity, JobLoss, JournalInfo, Status};
 use umi_protocol::update::{ImageInfo, ImagePlace};
@@ -50,8 +50,8 @@ impl Info {
         let in_force = reads.then(|| board.job()).transpose()?;
         let scale = Scale::of(in_force.as_ref().and_then(|of| of.job.as_ref()));
         let unread = in_force.as_ref().map(|of| &of.learned);
-        let unread = unread.filter(|of| of.line == TeachLine::Unread);
-        let unread = unread.map(|of| of.line_run);
+        let unread = unread.filter(|of| of.doubt == Doubt::Unread);
+        let unread = unread.map(|of| of.run);
         let teachings = in_force.and_then(|of| {
             let further = of.learned.further;
             of.taught_mm.map(|_| 1 + u32::from(further))

@@ -4,7 +4,7 @@ use crate::failure::Failure;
 use crate::show::terminal::{GOOD, count, paint, print, print_json};
 use clap::Args;
 use serde_json::json;
-use umi_protocol::job::TeachLine;
+use umi_protocol::job::Doubt;
 use umi_protocol::message::TeachWhat;
 
 use crate::cmd::{Board, Format};
@@ -64,18 +64,14 @@ impl Teach {
         };
         if let Some(run) = self.keep {
             let learned = board.job()?.learned;
-            let taught = learned.line_run;
-            let message = match learned.line {
-                TeachLine::None | TeachLine::Unread
-                    if taught == run || learned.smallest.is_empty() =>
-                {
-                    None
-                }
-                TeachLine::None | TeachLine::Unread => Some(format!(
+            let taught = learned.run;
+            let message = match learned.doubt {
+                Doubt::None | Doubt::Unread if taught == run || learned.smallest.is_empty() => None,
+                Doubt::None | Doubt::Unread => Some(format!(
                     "run {taught} has taught, not run {run}: if run {run} was meant, teach again (umi teach --again)"
                 )),
                 // Of two setups that lines teach, --keep says nothing.
-                TeachLine::First | TeachLine::Again => Some(format!(
+                Doubt::First | Doubt::Again => Some(format!(
                     "a line (T1. or T2.) of run {taught} has taught: probe once without it, or teach again (umi teach --again)"
                 )),
             };

@@ -5,7 +5,7 @@ mod coordinates;
 mod runs;
 mod teaching;
 
-use umi_protocol::job::{AgainSpec, Lessons, ProbingSpec, TeachLine};
+use umi_protocol::job::{AgainSpec, Doubt, Lessons, ProbingSpec};
 use umi_protocol::message::{TeachBy, TeachPending, TeachRefusal, TeachSetup, TeachWhat};
 
 use super::*;

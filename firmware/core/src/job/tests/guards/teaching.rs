@@ -255,7 +255,7 @@ fn what_a_host_has_taught_holds_once_the_control_has_read_in_it() {
             send(&mut after, &mut outcome, &clamping(0, all), 6);
             // What still went out of the one before says nothing of this one.
             after.compares(2, &mut |d| outcome.take(d));
-            assert_eq!(after.taught().unwrap().learned.line, TeachLine::Unread);
+            assert_eq!(after.taught().unwrap().learned.doubt, Doubt::Unread);
             after.compares(6, &mut |d| outcome.take(d));
             send(&mut after, &mut outcome, &clamping(1, all), 7);
             assert_eq!(outcome.summary()[1..], ["OK", "OK"]);
