@@ -742,7 +742,7 @@ pub enum Reason {
     },
     /// The reference was taught for a host or the button, and nobody has said that its run is the one that was meant.
     #[error(
-        "run {run} has taught, and it may be an old text that came before the run that was meant: `umi teach --keep {run}` if it is the right one, `umi teach --again` if not; a control that reads a program by which it compares the runs says it as well"
+        "run {run} has taught, and it may be an old text that came before the run that was meant: `umi teach --keep {run}` if it is the right one, `umi teach --again` if not"
     )]
     TaughtUnread {
         /// The run that taught.
@@ -750,7 +750,7 @@ pub enum Reason {
     },
     /// A remark of the setup that taught so.
     #[error(
-        "it holds for other runs by `umi teach --keep {run}`, or once the control has read a program by which it compares the runs"
+        "it holds for other runs by `umi teach --keep {run}`, or once a control that compares runs has asked for the correction in this run"
     )]
     TaughtByRun {
         /// The run that taught.

@@ -159,12 +159,10 @@ impl<F: Flash> Instrument<F> {
         kept_apart
     }
 
-    /// Takes up what is kept for the owner. Where it cannot be opened nothing may go out.
+    /// Takes up what is kept for the owner.
     #[inline(never)]
     fn open_custody(&mut self, now: Micros, flash: F) {
-        let Ok(custody) = Custody::open(flash) else {
-            return self.ledger.refused();
-        };
+        let custody = Custody::open(flash);
         let config = custody.kept().config;
         self.ledger.custody.put(custody);
         if config != BoardConfig::default() {

@@ -150,14 +150,25 @@ impl<F: Flash> Journal<F> {
     /// [`JournalError::NotAJournal`], [`JournalError::Version`], [`JournalError::OtherGeometry`]: the
     /// region holds something else, which is left as it is. [`JournalError::Geometry`]:
     /// it cannot hold a journal. [`JournalError::Flash`].
-    pub fn open(mut flash: F) -> Result<(Self, Recovery), JournalError<F::Error>> {
+    pub fn open(flash: F) -> Result<(Self, Recovery), JournalError<F::Error>> {
+        Self::open_or_return(flash).map_err(|(error, _)| error)
+    }
+
+    /// As [`open`](Self::open), and gives the flash back where that fails.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open).
+    pub fn open_or_return(mut flash: F) -> Result<(Self, Recovery), (JournalError<F::Error>, F)> {
         let State {
             extent,
             generation,
             chain,
             next_given_up,
             recovery,
-        } = recover(&mut flash)?;
+        } = match recover(&mut flash) {
+            Ok(state) => state,
+            Err(error) => return Err((error, flash)),
+        };
         let journal = Self {
             flash,
             extent,

@@ -7,11 +7,13 @@
 //! # Limitations
 //!
 //! A configuration is written twice, so that damage at rest in one entry costs none; it may cost the
-//! greatest run the last step. If none can be read where something was, the board takes the strictest
-//! configuration and says so. A sector that reads as if it had never been begun is that of a new board.
+//! greatest run the last step. If none can be read where something was, or the ring itself cannot be
+//! opened, the board takes the strictest configuration and says so, until its owner has set another.
+//! A sector that reads as if it had never been begun is that of a new board; so is one in which a
+//! damaged ring was just begun anew, where power is cut before the owner has got the answer.
 
 use serde::{Deserialize, Serialize};
-use umi_core::journal::{Flash, Journal, JournalError};
+use umi_core::journal::{Flash, Journal};
 use umi_core::units::Micros;
 use umi_protocol::config::{BoardConfig, ConfigField, Fallbacks};
 use umi_protocol::job_error::JobError;
@@ -39,43 +41,64 @@ pub(crate) static NOTHING_KEPT: Kept = Kept {
     last_run: None,
 };
 
+/// The ring, or what cannot be opened as one.
+enum Ring<F: Flash> {
+    Open(Journal<F>),
+    Damaged(F),
+    /// While it is begun anew.
+    None,
+}
+
+impl<F: Flash> Ring<F> {
+    /// To write into: one that is damaged is begun anew, for nothing in it can be read.
+    fn open(&mut self) -> Result<&mut Journal<F>, NotInCustody> {
+        *self = match core::mem::replace(self, Self::None) {
+            Self::Damaged(mut flash) => match Journal::format(&mut flash) {
+                Ok(()) => match Journal::open_or_return(flash) {
+                    Ok((ring, _)) => Self::Open(ring),
+                    Err((_, flash)) => Self::Damaged(flash),
+                },
+                Err(_) => Self::Damaged(flash),
+            },
+            as_it_is => as_it_is,
+        };
+        match self {
+            Self::Open(ring) => Ok(ring),
+            Self::Damaged(_) | Self::None => Err(NotInCustody),
+        }
+    }
+}
+
 /// The ring, and its newest entry.
 pub(crate) struct Custody<F: Flash> {
-    ring: Journal<F>,
+    ring: Ring<F>,
     kept: Kept,
     is_fallback: bool,
 }
 
 impl<F: Flash> Custody<F> {
     /// Opens the ring.
-    ///
-    /// # Errors
-    /// The journal's.
-    pub fn open(flash: F) -> Result<Self, JournalError<F::Error>> {
-        let (mut ring, recovery) = Journal::open(flash)?;
-        let mut room = [0; MOST];
-        let newest = ring.next_seq().checked_sub(1);
-        let found = newest.and_then(|newest| ring.read(newest, &mut room).ok());
-        let found = found
-            .filter(|found| found.entry.kind == KIND)
-            .and_then(|found| postcard::from_bytes::<Kept>(found.entry.payload).ok())
-            .filter(|kept| kept.config.check().is_ok());
-        // A board that is new has lost nothing; nor has one whose first entry was cut.
-        let was_there = newest.is_some() || recovery.damaged_headers > 0;
-        let is_fallback = found.is_none() && was_there;
-        let kept = match found {
-            Some(kept) => kept,
-            None if is_fallback => Kept {
-                config: BoardConfig::strictest(),
-                ..NOTHING_KEPT
-            },
-            None => NOTHING_KEPT,
+    pub fn open(flash: F) -> Self {
+        let (ring, found, was_there) = match Journal::open_or_return(flash) {
+            Ok((mut ring, recovery)) => {
+                let newest = ring.next_seq().checked_sub(1);
+                // A board that is new has lost nothing; nor has one whose first entry was cut.
+                let was_there = newest.is_some() || recovery.damaged_headers > 0;
+                let found = newest.and_then(|newest| read(&mut ring, newest));
+                (Ring::Open(ring), found, was_there)
+            }
+            Err((_, flash)) => (Ring::Damaged(flash), None, true),
         };
-        Ok(Self {
+        let is_fallback = found.is_none() && was_there;
+        let mut kept = found.unwrap_or(NOTHING_KEPT);
+        if is_fallback {
+            kept.config = BoardConfig::strictest();
+        }
+        Self {
             ring,
             kept,
             is_fallback,
-        })
+        }
     }
 
     /// What is kept.
@@ -103,16 +126,25 @@ impl<F: Flash> Custody<F> {
         }
         let mut room = [0; MOST];
         let payload = postcard::to_slice(&kept, &mut room).map_err(|_| NotInCustody)?;
-        let appended = self.ring.append(KIND, now, payload);
-        appended.map_err(|_| NotInCustody)?;
+        let ring = self.ring.open()?;
+        ring.append(KIND, now, payload).map_err(|_| NotInCustody)?;
         if kept.config != self.kept.config {
             // Damage at rest in one of the two costs no ceiling. Without the second it is kept none the less.
-            let _ = self.ring.append(KIND, now, payload);
+            let _ = ring.append(KIND, now, payload);
         }
         self.kept = kept;
         self.is_fallback = false;
         Ok(())
     }
+}
+
+/// An entry, if it is one that this firmware knows.
+fn read<F: Flash>(ring: &mut Journal<F>, seq: u64) -> Option<Kept> {
+    let mut room = [0; MOST];
+    let found = ring.read(seq, &mut room).ok()?;
+    let found = (found.entry.kind == KIND).then_some(found.entry.payload)?;
+    let kept = postcard::from_bytes::<Kept>(found).ok()?;
+    kept.config.check().is_ok().then_some(kept)
 }
 
 /// It could not be kept.
@@ -160,7 +192,7 @@ mod tests {
     #[test]
     fn what_was_kept_is_there_after_a_restart() {
         let flash = RamFlash::new();
-        let opened = Custody::open(flash.clone()).unwrap();
+        let opened = Custody::open(flash.clone());
         assert_eq!(
             (opened.kept(), opened.fallbacks().len()),
             (&NOTHING_KEPT, 0)
@@ -168,9 +200,9 @@ mod tests {
         let mut kept = configured();
         for acked in 0..500 {
             kept.acked = acked;
-            let mut opened = Custody::open(flash.clone()).unwrap();
+            let mut opened = Custody::open(flash.clone());
             opened.save(Micros(1), kept).unwrap();
-            let opened = Custody::open(flash.clone()).unwrap();
+            let opened = Custody::open(flash.clone());
             assert_eq!(opened.kept(), &kept);
         }
     }
@@ -182,7 +214,7 @@ mod tests {
         let flash = RamFlash::new();
         let (mut ring, _) = Journal::open(flash.clone()).unwrap();
         ring.append(9, Micros(0), b"of another firmware").unwrap();
-        let mut opened = Custody::open(flash.clone()).unwrap();
+        let mut opened = Custody::open(flash.clone());
         assert_eq!(opened.kept().config, BoardConfig::strictest());
         assert_eq!(opened.fallbacks().len(), ConfigField::ALL.len());
         let run = Kept {
@@ -190,38 +222,51 @@ mod tests {
             ..*opened.kept()
         };
         opened.save(Micros(1), run).unwrap();
-        let mut opened = Custody::open(flash.clone()).unwrap();
+        let mut opened = Custody::open(flash.clone());
         assert_eq!(opened.kept().config, BoardConfig::strictest());
         opened.save(Micros(1), configured()).unwrap();
         assert_eq!(opened.fallbacks().len(), 0);
-        assert_eq!(Custody::open(flash).unwrap().kept(), &configured());
+        assert_eq!(Custody::open(flash).kept(), &configured());
     }
 
     /// A bit that has changed anywhere costs no ceiling: the configuration is as it was, or the strictest.
     #[test]
     fn damage_costs_no_ceiling() {
         let flash = RamFlash::new();
-        let mut opened = Custody::open(flash.clone()).unwrap();
+        let mut opened = Custody::open(flash.clone());
         opened.save(Micros(1), NOTHING_KEPT).unwrap();
         opened.save(Micros(2), configured()).unwrap();
         let whole = flash.bytes();
         let used = whole.iter().rposition(|byte| *byte != 0xFF).unwrap();
-        let mut as_it_was = 0;
+        let (mut as_it_was, mut strict) = (0, 0);
         for bit in 0..8 * (used + 1) {
             let mut damaged = whole.clone();
             damaged[bit / 8] ^= 1 << (bit % 8);
-            // A board whose ring is none sends nothing out.
-            let Ok(opened) = Custody::open(RamFlash::of(&damaged)) else {
-                continue;
-            };
+            let flash = RamFlash::of(&damaged);
+            let mut opened = Custody::open(flash.clone());
             let strictest = BoardConfig::strictest();
             let told = opened.fallbacks().len() == ConfigField::ALL.len();
             match opened.kept().config {
                 config if config == configured().config => as_it_was += 1,
-                config => assert!(config == strictest && told, "bit {bit}: {config:?}"),
+                config => {
+                    assert!(config == strictest && told, "bit {bit}: {config:?}");
+                    strict += 1;
+                    // A run that is judged leaves it so; what the owner sets is kept.
+                    let run = Kept {
+                        last_run: Some(3),
+                        ..*opened.kept()
+                    };
+                    opened.save(Micros(3), run).unwrap();
+                    let mut opened = Custody::open(flash.clone());
+                    assert_eq!(opened.kept().config, strictest, "bit {bit}");
+                    opened.save(Micros(4), configured()).unwrap();
+                    let opened = Custody::open(flash);
+                    assert_eq!(opened.kept(), &configured(), "bit {bit}");
+                }
             }
         }
-        assert!(as_it_was > 4 * used, "{as_it_was}");
+        // Its header is there once.
+        assert!(as_it_was > 4 * used && strict > 0, "{as_it_was} {strict}");
     }
 
     /// Every entry fits.
@@ -232,7 +277,7 @@ mod tests {
             acked: u64::MAX,
             last_run: Some(u32::MAX),
         };
-        let mut custody = Custody::open(RamFlash::new()).unwrap();
+        let mut custody = Custody::open(RamFlash::new());
         custody.save(Micros(u64::MAX), longest).unwrap();
     }
 }

@@ -60,12 +60,12 @@ impl Run {
             let was_asked = self.teaching == TeachingAct::This(Lesson::Reference);
             // Nothing says more of a setup without a run, or is moved by one that moves nothing.
             let matters = self.run.is_some() && self.job.get().is_some_and(moves_something);
-            // A job that is taught by its first setup is so by the one behind that which was asked for and NG.
+            // Who asked elsewhere meant one run, and no line says which: also where what was asked for was NG, and the
+            // setup behind it teaches, as a job's first or by a line.
             let elsewhere = core::mem::take(&mut self.asked_elsewhere);
             self.doubt = match self.asked.doubt() {
-                _ if !was_asked && !elsewhere => Doubt::None,
-                _ if !was_asked && matters => Doubt::Unread,
-                Doubt::Unread if !matters => Doubt::None,
+                _ if elsewhere && matters => Doubt::Unread,
+                _ if elsewhere || !was_asked => Doubt::None,
                 by => by,
             };
         } else if self.ends_doubt(&verdict) {
@@ -86,10 +86,11 @@ impl Run {
             self.reference = Some(measured);
             self.taught_here = true;
         } else if !verdict.ok && core::mem::take(&mut self.taught_here) {
-            // What it taught does not hold any more.
+            // What it taught does not hold any more, and who asked elsewhere has not got it.
             out(Decision::Taught(Teaching::NONE));
             self.reference = None;
             self.learned = Lessons::NONE;
+            self.asked_elsewhere |= self.doubt == Doubt::Unread;
             self.doubt = Doubt::None;
         } else if widens && let Some(taught) = self.taught() {
             out(Decision::Taught(taught));

@@ -40,10 +40,11 @@ A job with `teach = \"asked\"` teaches nothing by itself. If the clamping is NG,
 taught: ask again. A checked line asks as well: `G65 P8811 T1.` (T2. replaces), for its own run
 alone. `umi teach` and the button cannot name a run: text of an old one that comes late may teach in
 place of the one that is meant. So other runs are NG (taught_unread) until something says which run
-that was: the control, which reads the program by which it compares the runs (in another run it stops
-with UMI TAUGHT BY RUN: then `umi teach --again`; a READ before the meant run begins counts, too), or
-`umi teach --keep RUN`. On Siemens, Heidenhain, in EIA, by XMODEM, without `run_variable`, and where
-nothing is read (`send`), only --keep says it. umi info and umi watch say what was
+that was: `umi teach --keep RUN`, or the control, where it asks for the correction in the run that
+taught and gets the program by which it compares the runs (in another run it stops with UMI TAUGHT BY
+RUN: then `umi teach --again`; a READ before the meant run begins counts, too). Only --keep says it on
+Siemens and Heidenhain, which stop with that alarm and compare nothing, in EIA, by XMODEM, without
+`run_variable`, with `send = \"never\"`, and for programs that are read. umi info and umi watch say what was
 asked for and has not happened yet, by whom and since when. A board that starts anew has not been
 asked.
 
