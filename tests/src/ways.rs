@@ -500,7 +500,20 @@ fn ways() -> Vec<(&'static str, Vec<Step>)> {
             Step::Prints(announced(10, "", "") + &clamping(1)),
             Step::Reads(10),
         ]),
+        ("The same, `umi teach --again`, text of run 11 without its last line, and text of run 12 with `T1.`, both late, before that of run 13, which was meant", vec![
+            Step::Asks,
+            Step::Prints(announced(11, "", "") + without_end(&clamping(1))),
+            Step::Prints(announced(12, "T1.", "") + &clamping(2)),
+            Step::Prints(announced(13, "", "") + &clamping(0)),
+            Step::Reads(13),
+        ]),
     ]
+}
+
+/// A text without its last line.
+fn without_end(text: &str) -> &str {
+    let end = text.trim_end().rfind('\n').expect("lines");
+    &text[..=end]
 }
 
 /// The blocks of a clamping as a control prints them under G20.

@@ -137,8 +137,9 @@ fn text(
     };
     table.row(["reference".to_owned(), reference]);
     if let Some(run) = unread {
-        let said =
-            format!("holds by `umi teach --keep {run}`, or once the control has compared the runs");
+        let said = format!(
+            "holds by `umi teach --keep {run}`, or once a control that compares runs has asked for the correction in it"
+        );
         table.styled([(PLAIN, String::new()), (CAUTION, said)]);
     }
     if let Some(pending) = &status.teaching {
