@@ -750,7 +750,7 @@ pub enum Reason {
     },
     /// A remark of the setup that taught so.
     #[error(
-        "it holds for other runs by `umi teach --keep {run}`, or once a control that compares runs has asked for the correction in this run"
+        "it holds for other runs by `umi teach --keep {run}`, or once a control that compares runs has read in this one"
     )]
     TaughtByRun {
         /// The run that taught.
