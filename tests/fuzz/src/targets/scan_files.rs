@@ -47,7 +47,7 @@ pub fn one(data: &[u8]) {
         return;
     };
     let text = || std::str::from_utf8(file);
-    match kind % 11 {
+    match kind % 12 {
         0 => {
             if let Ok(cloud) = cloud_from_bytes(file) {
                 let mut numbers = cloud.points.iter().flat_map(|point| point.iter());
@@ -75,9 +75,15 @@ pub fn one(data: &[u8]) {
             assert!(mm.all(f64::is_finite));
             Ok(())
         })),
-        _ => {
+        10 => {
             if let Ok(table) = TableReader::new(Cursor::new(file), "fuzz".into()) {
                 let _ = poses::read(table);
+            }
+        }
+        _ => {
+            if let Ok(part) = part_from_bytes("step", file) {
+                let mut mm = part.vertices.iter().flat_map(|at| at.iter());
+                assert!(mm.all(|mm| mm.is_finite()));
             }
         }
     }
