@@ -43,8 +43,8 @@ washer  that of Paludo's work (41.20, 19.75, 6.30 mm) in its three tests, tables
         sensor has that work's field and range, noise of 10 um, speckle of 5 um, mixed samples at
         a fifth of the edges, and a washer that mirrors.
 ball    25.4 mm at 5 um noise; the thesis of Sawula is off by 68.4 um in its figure 6.6.
-speed   where the edge of a block is when it is scanned at 2.5 to 500 mm/s, both ways: with the board,
-        and with positions that are 55 ms old, as the timer of that thesis' program makes them.
+speed   where the edge of a block is when it is scanned at 2.5 to 500 mm/s, both ways: with the
+        board, and with positions that are 55 ms old, as the timer of that thesis' program makes them.
 
 With --workpiece instead: the workpiece of `umi demo` (tool paths 0.541 mm apart, as printed), scanned
 as in the thesis' sections 5.1 and 6.5 at 2.5 mm/s, a profile each 0.127 mm: tables 5.1, 6.2, 6.3
