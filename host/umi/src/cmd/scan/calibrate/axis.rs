@@ -34,7 +34,8 @@ worst, and `cov_direction_poses`, `cov_point_poses` say how uncertain the axis i
 
 Examples:
   umi scan calibrate axis centres.csv
-  umi scan calibrate centres ball.gocator scan.csv --machine m.toml --axis C --radius-mm 12.7 -o centres.csv
+  umi scan calibrate centres ball.gocator scan.csv --machine m.toml --axis C \\
+      --radius-mm 12.7 -o centres.csv
   umi scan calibrate axis centres.csv --json | jq .point_mm
 
 Refused (status 2): too_few_points, unidentifiable, not_finite, angle_unit, no_convergence.";

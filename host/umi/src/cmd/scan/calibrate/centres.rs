@@ -55,17 +55,20 @@ pub(crate) struct Centres {
 }
 
 const HELP: &str = "\
-Turn the axis to some angles all around, let it stand at each, and let the line go over the ball, three
-profiles or more, over 0.3 of its radius at least. One scan holds all of it; what was seen while the axis turned
-is counted and left out. Of each ball at each angle the best ball of the given radius is told.
+Turn the axis to some angles all around, let it stand at each, and let the line go over the ball,
+three profiles or more, over 0.3 of its radius at least. One scan holds all of it; what was seen
+while the axis turned is counted and left out. Of each ball at each angle the best ball of the
+given radius is told.
 
-Centres stand in the frame of what carries the axis, with the joints before it taken back to 0 as the machine file
-has them: there the axis lies as in the file. Joints that the axis carries must stand still. The sensor's mount is
-taken as the file has it: where it is off by a shift, so is the axis. A turn of it moves the centres of one height
-alike. The balls' radius is held against what they look like (`radius`).
+Centres stand in the frame of what carries the axis, with the joints before it taken back to 0 as
+the machine file has them: there the axis lies as in the file. Joints that the axis carries must
+stand still. The sensor's mount is taken as the file has it: where it is off by a shift, so is the
+axis. Let the ball be at one place of the sensor's field at all angles: then a turn of the mount is
+no more than a shift. The balls' radius is held against what they look like (`radius`).
 
 Examples:
-  umi scan calibrate centres ball.gocator scan.csv --machine m.toml --axis C --radius-mm 12.7 -o centres.csv
+  umi scan calibrate centres ball.gocator scan.csv --machine m.toml --axis C \\
+      --radius-mm 12.7 -o centres.csv
   umi scan calibrate axis centres.csv
 
 Refused (status 2): as `umi scan pair`, machine, missing_axis, motion_lost, moved, too_few_points.";

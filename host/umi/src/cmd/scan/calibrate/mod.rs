@@ -21,7 +21,8 @@ Examples:
   umi scan calibrate observe ball.gocator scan.csv --machine m.toml --on sphere --radius-mm 12.7 \\
       -o seen.csv --positions positions.csv
   umi scan calibrate sensor seen.csv positions.csv --machine m.toml --on sphere --radius-mm 12.7
-  umi scan calibrate centres turned.gocator scan.csv --machine m.toml --axis C --radius-mm 12.7 -o centres.csv
+  umi scan calibrate centres turned.gocator scan.csv --machine m.toml --axis C \\
+      --radius-mm 12.7 -o centres.csv
   umi scan calibrate axis centres.csv
   umi scan calibrate point readings.csv --spheres ball.toml")]
 pub(crate) struct Calibrate {

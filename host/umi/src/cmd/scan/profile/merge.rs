@@ -85,9 +85,10 @@ points stand on a straight line between two latches, whatever the axes did there
 The time of a point (--times-too) is that of its edge plus --latency-us: the moment for which its
 counts were taken. All points of a profile have the same.
 
-With --intensity-too each point has the intensity of its sample, which `umi scan filter --intensity` goes by and
-every command behind keeps. Where a profile with samples has none the scan is refused (`no_intensity`): 0 would
-say that it was dark. LAS and LAZ hold whole numbers of 0 to 65535.
+With --intensity-too each point has the intensity of its sample, which `umi scan filter
+--intensity` goes by and every command behind keeps. Where a profile with samples has none the
+scan is refused (`no_intensity`): 0 would say that it was dark. LAS and LAZ hold whole numbers of
+0 to 65535.
 
 With --uncertainty-too each point has the standard uncertainty that the mount's covariance in the machine
 file gives it: the root of the variances along x, y and z together. The noise of the sensor and errors of the
