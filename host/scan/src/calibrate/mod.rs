@@ -5,8 +5,8 @@
 //! * [`observe`]: what was seen, straight from a scan.
 //! * [`poses`]: poses that determine a mount, and what to expect of them.
 //! * [`misfit`]: whether the poses agree with one another, and what would bring them together.
-//! * [`axis`]: the line of a rotary axis, from centres of balls that turn with it; [`centres`]: these, straight from a
-//!   scan.
+//! * [`axis`]: the line of a rotary axis, from centres of balls that turn with it; [`axis::centres`]: these, straight
+//!   from a scan.
 //!
 //! Before there is an answer, the solver asks whether the data determine it: a motion of the
 //! mount that changes no residual is refused by name (`solve`), however small the residuals
@@ -14,7 +14,6 @@
 
 pub mod axis;
 pub mod bar;
-pub mod centres;
 mod features;
 pub mod misfit;
 mod naming;
