@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use umi_scan::ScanError;
-use umi_scan::calibrate::axis::centres::{CentresOptions, SeenCentres, centres};
+use umi_scan::calibrate::observe::centres::{CentresOptions, SeenCentres, centres};
 use umi_scan::format::machine;
 
 use super::super::answer::answer;

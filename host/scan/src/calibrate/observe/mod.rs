@@ -1,6 +1,8 @@
 //! Observations straight from a scan: the ball or the plane in every profile, and where the machine
 //! held the sensor.
 
+pub mod centres;
+
 use std::collections::HashMap;
 use std::fmt::Write as _;
 use std::path::Path;

@@ -3,8 +3,6 @@
 //! Minimised is the sum of squares of `a + R(u, angle)(b - a) - measured` over the axis
 //! (direction `u`, point `a`) and each ball's place `b` at angle 0.
 
-pub mod centres;
-
 use std::io::BufRead;
 
 use nalgebra::{DMatrix, Matrix3, Vector3};

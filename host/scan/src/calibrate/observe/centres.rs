@@ -1,5 +1,5 @@
 //! Centres of balls on a part that turns, straight from a scan: at each angle at which the axis stood still, the ball of
-//! the profiles that were taken there. They are what [`super::axis()`] wants.
+//! the profiles that were taken there. They are what [`axis`](crate::calibrate::axis) wants.
 //!
 //! A centre is told in the frame of what carries the axis, with the joints before it taken back to 0: there the axis
 //! stands as the machine file has it, wherever those joints were. Joints behind it must stand still in all of the scan.
@@ -13,9 +13,9 @@ use umi_core::fit::sphere;
 use umi_core::units::Point;
 use umi_kinematics::{AxisChain, JointKind, Pose};
 
+use super::Balls;
 use crate::ScanError;
 use crate::calibrate::features::algebraic_centre;
-use crate::calibrate::observe::Balls;
 use crate::calibrate::shapes::{ProfileShape, Wanted, find};
 use crate::format::profiles::{self, Depth};
 use crate::format::triggers::Triggers;
