@@ -41,6 +41,17 @@ impl AxisChain {
         table.inverse().after(&self.product(&self.sensor_chain, q))
     }
 
+    /// The sensor in the frame of what carries the joint at a place of the workpiece's chain, with the joints before it
+    /// taken back to 0: there the joint's axis stands as the machine file has it. None for a joint that does not carry
+    /// the workpiece.
+    #[must_use]
+    pub fn sensor_before(&self, joint: usize, q: &[f64]) -> Option<Pose> {
+        let at = self.workpiece_chain.iter().position(|&j| j == joint)?;
+        let carrier = self.product(&self.workpiece_chain[..at], q);
+        let flange = self.product(&self.sensor_chain, q);
+        Some(carrier.inverse().after(&flange).after(&self.sensor))
+    }
+
     /// The joints that a chain uses, as places in `joints`, in the file's order.
     pub fn moving(&self) -> impl Iterator<Item = (usize, &Joint)> {
         self.joints.iter().enumerate().filter(|(place, _)| {

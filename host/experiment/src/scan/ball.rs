@@ -1,4 +1,4 @@
-//! A ball of 25.4 mm: its diameter, and where it is when it is scanned at several speeds.
+//! A ball of 25.4 mm: its diameter.
 
 use nalgebra::Vector3;
 use umi_core::fit::{SphereFit, sphere};
@@ -66,28 +66,4 @@ pub fn diameter(station: &mut TableMachine, machine: &AxisChain) -> Result<f64, 
     let stops = pass(station, 25.0, 0.25);
     let recording = station.record(&scene()?, &stops);
     Ok(2.0 * fitted(&recording, machine)?.radius.0)
-}
-
-/// Where the ball is along X, when it is scanned at a speed (negative: backwards) with
-/// positions that are `late_us` older than their profiles; 0 with the board, which takes them at
-/// the trigger.
-///
-/// # Errors
-/// As [`diameter`].
-pub fn place_along_x(
-    station: &mut TableMachine,
-    machine: &AxisChain,
-    speed_mm_per_s: f64,
-    late_us: f64,
-) -> Result<f64, MountError> {
-    let step_mm = (speed_mm_per_s.abs() * 1e-3).max(0.1);
-    let stops = pass(station, speed_mm_per_s, step_mm);
-    let mut recording = station.record(&scene()?, &stops);
-    let shift = (speed_mm_per_s * late_us * 1e-6 * 1e3).round() as i64;
-    for latch in &mut recording.triggers.latches {
-        if let Some(x) = latch.counts.first_mut().and_then(Option::as_mut) {
-            *x -= shift;
-        }
-    }
-    Ok(fitted(&recording, machine)?.center.mm.x)
 }

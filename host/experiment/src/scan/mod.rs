@@ -5,11 +5,13 @@
 //! * [`mount`]: the sensor's place, calibrated on a ball.
 //! * [`washer`]: S2's washer in its three tests, tables 11 to 16.
 //! * [`workpiece`]: the thesis' five-clamping workpiece, tables 5.1, 6.2 and 6.3.
-//! * [`ball`]: a ball of 25.4 mm, and where it is at several speeds.
+//! * [`ball`]: a ball of 25.4 mm.
+//! * [`edge`]: a block's edge, and where it is at several speeds.
 //! * [`drive`]: a planned path over the virtual machine, to profiles and latches.
 
 pub mod ball;
 pub mod drive;
+pub mod edge;
 pub mod mount;
 pub mod station;
 #[cfg(test)]

@@ -69,6 +69,8 @@ pub struct MergeOptions {
     pub interpolate_us: Option<f64>,
     /// Each point gets its standard uncertainty by the mount.
     pub uncertainties: bool,
+    /// Each point gets the intensity of its sample.
+    pub intensities: bool,
 }
 
 /// The least and the greatest coordinates.
@@ -293,6 +295,17 @@ impl<'a> Merger<'a> {
     }
 }
 
+/// A point without one would be as dark as one that was seen to be.
+fn no_intensity(profile: u64) -> ScanError {
+    ScanError::refused(
+        "no_intensity",
+        format_args!(
+            "nothing says how bright the samples of profile {profile} were: let the sensor send intensities (in CSV, the column              `intensity`), or merge without --intensity-too"
+        ),
+    )
+    .with("profile", profile)
+}
+
 fn lost_from_the_start() -> ScanError {
     ScanError::refused(
         "motion_lost",
@@ -313,6 +326,7 @@ fn missing_axis(joint: &str, what: &str) -> ScanError {
 /// a latch.
 ///
 /// # Errors
+/// `no_intensity` where intensities are wanted and a profile has none;
 /// `motion_lost` where the counts of a pair are wrong and not only those before ([`MergeOptions::until_loss`]) are
 /// wanted; those of [`pair`], [`Merger::new`] and the files. What was written until then is for the
 /// caller to throw away.
@@ -396,7 +410,12 @@ pub fn merge(
     let mut mount = MountShare::of(machine);
     let mut points = Vec::new();
     let mut uncertainties = Vec::new();
-    profiles::visit(profiles, Depth::Samples, |profile| {
+    let depth = if options.intensities {
+        Depth::Intensities
+    } else {
+        Depth::Samples
+    };
+    profiles::visit(profiles, depth, |profile| {
         let number = profile.stamp.profile;
         let of_latch = latches
             .get(&number)
@@ -442,6 +461,13 @@ pub fn merge(
         sink.time(t_us);
         if options.uncertainties {
             sink.uncertainties(&uncertainties);
+        }
+        if options.intensities {
+            match profile.intensities {
+                Some(intensities) => sink.intensities(intensities),
+                None if profile.samples.is_empty() => sink.intensities(&[]),
+                None => return Err(no_intensity(number)),
+            }
         }
         sink.profile(number, &points)
     })?;

@@ -37,6 +37,9 @@ pub struct Profile<'a> {
     pub stamp: Stamp,
     /// Its samples with a range.
     pub samples: &'a [ProfilePoint],
+    /// How bright each of these samples was, in the sensor's own measure, as many as there are samples; none where the
+    /// stream does not say, or nobody asked.
+    pub intensities: Option<&'a [f64]>,
     /// How many samples of the file have no range.
     pub invalid: u64,
 }

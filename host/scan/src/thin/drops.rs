@@ -26,8 +26,8 @@ pub struct Drops {
 }
 
 impl Drops {
-    /// Dropped points go to a file, too (.csv or .ply, as `umi scan merge` writes them), with their times and
-    /// uncertainties where the cloud has them.
+    /// Dropped points go to a file, too (.csv or .ply, as `umi scan merge` writes them), with their times,
+    /// uncertainties and intensities where the cloud has them.
     ///
     /// # Errors
     /// As [`PointFile::create`].
@@ -37,6 +37,7 @@ impl Drops {
             profiles: false,
             times: columns.time,
             uncertainties: columns.mount_u,
+            intensities: columns.intensity,
         };
         Ok(Self {
             counts: Vec::new(),
@@ -61,6 +62,7 @@ impl Drops {
             Some(file) => {
                 file.time(point.t_us);
                 file.uncertainties(&[point.mount_u_mm]);
+                file.intensities(&[point.intensity]);
                 file.profile(point.profile, &[(point.index, point.at)])
             }
             None => Ok(()),

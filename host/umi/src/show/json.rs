@@ -77,6 +77,16 @@ pub fn fit(fit: &FitFigures<'_>) -> Value {
     Value::Object(object)
 }
 
+/// The same of a cloud: with how many of its points were left out, because they have no numbers.
+#[must_use]
+pub fn fit_of_cloud(of: &FitFigures<'_>, not_finite: u64) -> Value {
+    let mut value = fit(of);
+    if let Some(object) = value.as_object_mut() {
+        object.insert("not_finite".into(), not_finite.into());
+    }
+    value
+}
+
 fn spread_names(spread: &Spread) -> (String, String) {
     let kind = match spread.rows {
         Rows::One(_) => "var",

@@ -1,4 +1,5 @@
-//! The data channel, byte for byte as a Gocator's: little endian, a stamp and its profile.
+//! The data channel, byte for byte as a Gocator's: little endian, a stamp, its profile and, where they are switched
+//! on, its intensities.
 
 use super::LineProfile;
 use crate::scene::LineScannerSpec;
@@ -12,10 +13,13 @@ const LAST: u16 = 0x8000;
 const STAMP: u16 = 1;
 const PAIRS: u16 = 5;
 const EVENLY_SPACED: u16 = 6;
+const INTENSITIES: u16 = 7;
 /// Bytes of a stamp, as the sensors of today send it.
 const STAMP_BYTES: u16 = 56;
 /// Bytes of a profile's attributes, from their own size on.
 const ATTRIBUTE_BYTES: u16 = 40;
+/// Bytes of the attributes of intensities.
+const INTENSITY_ATTRIBUTE_BYTES: u16 = 32;
 /// Steps of a range and of a field: not all that an `i16` has.
 const STEPS: f64 = 65_000.0;
 
@@ -30,16 +34,24 @@ pub struct FrameStamp {
     pub encoder: i64,
 }
 
-/// The messages of a profile: its stamp, and its samples.
+/// The messages of a profile: its stamp, its samples, and how bright they were where that is switched on.
 #[must_use]
 pub fn encode(stamp: &FrameStamp, profile: &LineProfile, spec: &LineScannerSpec) -> Vec<u8> {
     let mut bytes = message(STAMP, &stamp_body(stamp));
-    let (kind, body) = if spec.evenly_spaced {
-        (EVENLY_SPACED, spaced_body(profile, spec))
+    let (kind, body, bright) = if spec.evenly_spaced {
+        let (body, bright) = spaced_body(profile, spec);
+        (EVENLY_SPACED, body, bright)
     } else {
-        (PAIRS, pairs_body(profile, spec))
+        let (body, bright) = pairs_body(profile, spec);
+        (PAIRS, body, bright)
     };
-    bytes.extend(message(kind | LAST, &body));
+    if spec.intensities {
+        bytes.extend(message(kind, &body));
+        let body = intensity_body(&body, &bright, spec);
+        bytes.extend(message(INTENSITIES | LAST, &body));
+    } else {
+        bytes.extend(message(kind | LAST, &body));
+    }
     bytes
 }
 
@@ -84,6 +96,20 @@ fn attributes(
     body
 }
 
+/// What a profile's message says of its width, scale and offset along x, and a byte a sample.
+fn intensity_body(profile: &[u8], bright: &[u8], spec: &LineScannerSpec) -> Vec<u8> {
+    let mut body = INTENSITY_ATTRIBUTE_BYTES.to_le_bytes().to_vec();
+    // Count, width and scale of x; then its offset, behind the scale of z.
+    body.extend_from_slice(profile.get(2..14).unwrap_or(&[0; 12]));
+    body.extend_from_slice(profile.get(18..22).unwrap_or(&[0; 4]));
+    body.push(0);
+    body.extend(((spec.exposure_us * 1e3) as u32).to_le_bytes());
+    // Camera, reserved bytes, step of the stream and its number.
+    body.resize(2 + usize::from(INTENSITY_ATTRIBUTE_BYTES), 0);
+    body.extend_from_slice(bright);
+    body
+}
+
 /// Nanometres of a step that reaches over a length.
 fn scale_nm(length_mm: f64) -> u32 {
     (length_mm * 1e6 / STEPS).ceil().max(1.0) as u32
@@ -95,7 +121,8 @@ fn steps(length_mm: f64, scale_nm: u32) -> i16 {
     steps.clamp(f64::from(i16::MIN) + 1.0, f64::from(i16::MAX)) as i16
 }
 
-fn pairs_body(profile: &LineProfile, spec: &LineScannerSpec) -> Vec<u8> {
+/// The samples, and how bright each was.
+fn pairs_body(profile: &LineProfile, spec: &LineScannerSpec) -> (Vec<u8>, Vec<u8>) {
     let [near, far] = spec.field_mm;
     // A reading may lie somewhat outside by its noise.
     let scales = [scale_nm(1.1 * near.max(far)), scale_nm(1.1 * spec.range_mm)];
@@ -108,11 +135,12 @@ fn pairs_body(profile: &LineProfile, spec: &LineScannerSpec) -> Vec<u8> {
         body.extend(x.to_le_bytes());
         body.extend(z.to_le_bytes());
     }
-    body
+    let bright = (profile.iter()).map(|sample| sample.map_or(0, |s| s.brightness().round() as u8));
+    (body, bright.collect())
 }
 
-/// Evenly spaced along x: on the line between two neighbours that are not far apart.
-fn spaced_body(profile: &LineProfile, spec: &LineScannerSpec) -> Vec<u8> {
+/// Evenly spaced along x: on the line between two neighbours that are not far apart, and so bright.
+fn spaced_body(profile: &LineProfile, spec: &LineScannerSpec) -> (Vec<u8>, Vec<u8>) {
     let [near, far] = spec.field_mm;
     let [near_um, far_um] = spec.pitch_um;
     let pitch_mm = near_um.max(far_um) * 1e-3;
@@ -124,6 +152,7 @@ fn spaced_body(profile: &LineProfile, spec: &LineScannerSpec) -> Vec<u8> {
     let mut body = attributes(width as u32, [x_scale, z_scale], first_um as i32, spec);
     let mut samples: Vec<_> = profile.iter().flatten().collect();
     samples.sort_by(|a, b| a.x_mm.total_cmp(&b.x_mm));
+    let mut bright = Vec::new();
     for index in 0..width as u32 {
         let x = first_um * 1e-3 + step_mm * f64::from(index);
         let behind = samples.partition_point(|sample| sample.x_mm < x);
@@ -131,11 +160,14 @@ fn spaced_body(profile: &LineProfile, spec: &LineScannerSpec) -> Vec<u8> {
             .checked_sub(1)
             .and_then(|before| Some((samples.get(before)?, samples.get(behind)?)));
         let z = pair.filter(|(a, b)| b.x_mm - a.x_mm <= 2.5 * pitch_mm);
-        let z = z.map_or(NO_RANGE, |(a, b)| {
+        let (z, light) = z.map_or((NO_RANGE, 0), |(a, b)| {
             let share = (x - a.x_mm) / (b.x_mm - a.x_mm).max(f64::MIN_POSITIVE);
-            steps(a.z_mm + share * (b.z_mm - a.z_mm), z_scale)
+            let light = a.brightness() + share * (b.brightness() - a.brightness());
+            let z_mm = a.z_mm + share * (b.z_mm - a.z_mm);
+            (steps(z_mm, z_scale), light.round() as u8)
         });
         body.extend(z.to_le_bytes());
+        bright.push(light);
     }
-    body
+    (body, bright)
 }

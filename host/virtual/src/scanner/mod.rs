@@ -48,6 +48,18 @@ pub struct LineSample {
     pub is_false: bool,
 }
 
+impl LineSample {
+    /// How bright the camera sees it, of 0 to 255: a surface that scatters evenly, by its incidence; a reflex of
+    /// a mirror saturates.
+    #[must_use]
+    pub fn brightness(&self) -> f64 {
+        if self.is_false {
+            return 255.0;
+        }
+        200.0 * self.cosine.clamp(0.0, 1.0)
+    }
+}
+
 /// A profile: a place for each column of the camera.
 pub type LineProfile = Vec<Option<LineSample>>;
 

@@ -285,6 +285,49 @@ fn the_channel_is_read_back() {
     }
 }
 
+/// Intensities stand behind their profile, by the incidence; who does not ask reads the same profiles as without them.
+#[test]
+fn intensities_are_read_back_beside_the_same_samples() {
+    let scene = Scene::parse(WASHER).unwrap();
+    for evenly_spaced in [false, true] {
+        let run = |intensities, depth| {
+            let spec = LineScannerSpec {
+                evenly_spaced,
+                intensities,
+                ..spec()
+            };
+            let mut scanner = LineScanner::new(spec, 11);
+            let profile = scanner.take(&scene, |_| at(0.0, 10.0));
+            let bytes = scanner.send(0.0, 0, &profile);
+            let mut all = Vec::new();
+            let read = gocator::visit(bytes.as_slice(), "channel", depth, |read| {
+                all.push((
+                    read.stamp,
+                    read.samples.to_vec(),
+                    read.intensities.map(<[f64]>::to_vec),
+                ));
+                Ok(())
+            });
+            assert_eq!(read.unwrap(), [0; 0]);
+            (profile, all)
+        };
+        let (_, without) = run(false, Depth::Intensities);
+        let (_, unasked) = run(true, Depth::Samples);
+        assert_eq!(without, unasked);
+        let (profile, asked) = run(true, Depth::Intensities);
+        assert_eq!(asked[0].1, without[0].1);
+        let bright = asked[0].2.as_ref().unwrap();
+        assert_eq!(bright.len(), asked[0].1.len());
+        for (sample, bright) in asked[0].1.iter().zip(bright) {
+            assert!((1.0..=200.0).contains(bright), "{bright}");
+            if !evenly_spaced {
+                let truth = profile[sample.index as usize].unwrap();
+                assert!((bright - truth.brightness()).abs() <= 0.5, "{sample:?}");
+            }
+        }
+    }
+}
+
 /// The same seed gives the same bytes.
 #[test]
 fn a_seed_says_all() {

@@ -64,6 +64,8 @@ pub struct LineScannerSpec {
     pub encoder_axis: u8,
     /// Profiles of evenly spaced z instead of pairs of x and z.
     pub evenly_spaced: bool,
+    /// A message of intensities behind each profile's, a byte a sample.
+    pub intensities: bool,
     /// Share of the profiles whose messages are lost on the way.
     pub lost_share: f64,
     /// Share of the profiles whose messages come twice.
@@ -109,6 +111,7 @@ impl LineScannerSpec {
             clock_drift_ppm: 0.0,
             encoder_axis: 255,
             evenly_spaced: false,
+            intensities: false,
             lost_share: 0.0,
             repeated_share: 0.0,
         };
@@ -230,6 +233,7 @@ struct Text {
     clock_drift_ppm: Option<f64>,
     encoder_axis: Option<u8>,
     evenly_spaced: Option<bool>,
+    intensities: Option<bool>,
     lost_share: Option<f64>,
     repeated_share: Option<f64>,
 }
@@ -269,6 +273,7 @@ impl<'de> Deserialize<'de> for LineScannerSpec {
             clock_drift_ppm: text.clock_drift_ppm.unwrap_or(of.clock_drift_ppm),
             encoder_axis: text.encoder_axis.unwrap_or(of.encoder_axis),
             evenly_spaced: text.evenly_spaced.unwrap_or(of.evenly_spaced),
+            intensities: text.intensities.unwrap_or(of.intensities),
             lost_share: text.lost_share.unwrap_or(of.lost_share),
             repeated_share: text.repeated_share.unwrap_or(of.repeated_share),
         })

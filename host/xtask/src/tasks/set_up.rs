@@ -10,7 +10,7 @@ use crate::tasks::deny;
 use crate::tasks::firmware::pin::Pin;
 use crate::tasks::firmware::toolchain::{self, TARGETS, Toolchain};
 use crate::tasks::fuzz;
-use crate::tools::{browser, emulators, referee, spelling};
+use crate::tools::{browser, emulators, readers, referee, spelling};
 use crate::workspace::{Workspace, execute, find_program, output};
 
 /// Installs what tests, firmware, fuzzing and benchmarks need.
@@ -18,7 +18,7 @@ use crate::workspace::{Workspace, execute, find_program, output};
 /// What is there already is left alone. The compiler that firmware/boards/rust-toolchain.toml
 /// pins comes from rustup; where it cannot bring it, Debian's compiler and its sources come from
 /// apt-get (as root only). QEMU, node and chromium come from apt-get too, and the emulated Pico's packages
-/// from npm. cargo-deny is compiled, typos comes from Python's packages.
+/// from npm. cargo-deny is compiled, typos and other readers of clouds come from Python's packages.
 /// LinuxCNC's interpreter is unpacked into the target directory from Debian's package.
 /// What cannot be installed is named, with the command to type, and is no failure.
 #[derive(clap::Args)]
@@ -44,18 +44,21 @@ pub(crate) enum Need {
     Referee,
     /// A browser, to draw a scan's page.
     Browser,
+    /// Other readers of the clouds that are written.
+    Readers,
     /// valgrind, to count instructions.
     Counting,
 }
 
 /// What the tests need.
-pub const OF_TESTS: [Need; 6] = [
+pub const OF_TESTS: [Need; 7] = [
     Need::Firmware,
     Need::Emulators,
     Need::Dependencies,
     Need::Spelling,
     Need::Referee,
     Need::Browser,
+    Need::Readers,
 ];
 
 /// Meets every need.
@@ -120,6 +123,7 @@ impl Need {
             Self::Fuzzing => "fuzzing",
             Self::Referee => "referee of NC programs",
             Self::Browser => "browser",
+            Self::Readers => "other readers of clouds",
             Self::Counting => "instruction counts",
         }
     }
@@ -153,6 +157,8 @@ impl Need {
             Self::Browser => browser::find()
                 .is_none()
                 .then(|| (browser::DEBIAN_PACKAGE.to_owned(), 40)),
+            Self::Readers => (!readers::are_there(workspace))
+                .then(|| ("laspy, pye57 and pyarrow".to_owned(), 25)),
             Self::Counting => find_program("valgrind")
                 .is_none()
                 .then(|| ("valgrind".to_owned(), 20)),
@@ -168,6 +174,7 @@ impl Need {
             Self::Fuzzing => fuzzing(workspace),
             Self::Referee => referee::bring(workspace),
             Self::Browser => a_browser(workspace),
+            Self::Readers => readers::bring(workspace),
             Self::Counting => counting(workspace),
         }
     }

@@ -10,7 +10,7 @@ use crate::tasks::background::Background;
 use crate::tasks::firmware::toolchain;
 use crate::tasks::set_up::{self, OF_TESTS};
 use crate::tasks::{bench, deny, unused};
-use crate::tools::{browser, emulators, referee, spelling};
+use crate::tools::{browser, emulators, readers, referee, spelling};
 use crate::workspace::{Workspace, execute, in_ci};
 
 /// Sets up what is missing, then runs every check and prints a table of what was run.
@@ -299,6 +299,9 @@ fn tests(run: &Run<'_>) -> Result<Outcome> {
     execute(&mut command)?;
     if !referee::is_there(run.workspace) {
         missing.push("LinuxCNC's interpreter has judged nothing".to_owned());
+    }
+    if !readers::are_there(run.workspace) {
+        missing.push("nobody else has read the clouds that are written".to_owned());
     }
     if !run.arguments.quick {
         let second = toolchain::second(run.workspace);

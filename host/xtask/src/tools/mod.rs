@@ -2,5 +2,6 @@
 
 pub mod browser;
 pub mod emulators;
+pub mod readers;
 pub mod referee;
 pub mod spelling;

@@ -3,7 +3,7 @@
 //!
 //! * no panic, and no memory on a header's word (the fuzzer's own limit);
 //! * a point that is handed out has numbers, or the reader has counted it as none;
-//! * a capture gives the same profiles, and the same error, in whatever pieces it comes.
+//! * a capture gives the same profiles, their intensities too, and the same error, in whatever pieces it comes.
 
 use std::io::{BufReader, Cursor, Read};
 
@@ -32,7 +32,9 @@ impl Read for Pieces<'_> {
 /// The profiles of a capture, and how it ended.
 fn profiles(capture: impl Read) -> (Vec<String>, Option<String>) {
     let mut found = Vec::new();
-    let end = gocator::visit(capture, "fuzz", Depth::Samples, |profile| {
+    let end = gocator::visit(capture, "fuzz", Depth::Intensities, |profile| {
+        let bright = profile.intensities.map(<[f64]>::len);
+        assert!(bright.is_none_or(|bright| bright == profile.samples.len()));
         found.push(format!("{profile:?}"));
         Ok(())
     });
@@ -45,7 +47,7 @@ pub fn one(data: &[u8]) {
         return;
     };
     let text = || std::str::from_utf8(file);
-    match kind % 11 {
+    match kind % 12 {
         0 => {
             if let Ok(cloud) = cloud_from_bytes(file) {
                 let mut numbers = cloud.points.iter().flat_map(|point| point.iter());
@@ -56,7 +58,7 @@ pub fn one(data: &[u8]) {
         2 => assert_eq!(profiles(file), profiles(Pieces(file, 0))),
         3 => {
             if let Ok(table) = TableReader::new(Cursor::new(file), "fuzz".into()) {
-                let _ = csv::visit(table, |_| Ok(()));
+                let _ = csv::visit(table, Depth::Intensities, |_| Ok(()));
             }
         }
         4 => {
@@ -73,9 +75,15 @@ pub fn one(data: &[u8]) {
             assert!(mm.all(f64::is_finite));
             Ok(())
         })),
-        _ => {
+        10 => {
             if let Ok(table) = TableReader::new(Cursor::new(file), "fuzz".into()) {
                 let _ = poses::read(table);
+            }
+        }
+        _ => {
+            if let Ok(part) = part_from_bytes("step", file) {
+                let mut mm = part.vertices.iter().flat_map(|at| at.iter());
+                assert!(mm.all(|mm| mm.is_finite()));
             }
         }
     }

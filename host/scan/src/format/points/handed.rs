@@ -29,6 +29,8 @@ pub(super) struct HandedPoints {
     t_us: f64,
     /// As `t_us`, of its points.
     mount_u_mm: Vec<f64>,
+    /// As `mount_u_mm`.
+    intensities: Vec<f64>,
 }
 
 impl HandedPoints {
@@ -48,6 +50,7 @@ impl HandedPoints {
             writer: Some(writer),
             t_us: 0.0,
             mount_u_mm: Vec::new(),
+            intensities: Vec::new(),
         }
     }
 
@@ -80,20 +83,27 @@ impl PointSink for HandedPoints {
         self.mount_u_mm.extend_from_slice(mount_u_mm);
     }
 
+    fn intensities(&mut self, intensities: &[f64]) {
+        self.intensities.clear();
+        self.intensities.extend_from_slice(intensities);
+    }
+
     fn profile(&mut self, profile: u64, points: &[(u32, [f64; 3])]) -> Result<(), ScanError> {
         let t_us = self.t_us;
         let u_mm = self.mount_u_mm.iter().copied();
         let u_mm = u_mm.chain(std::iter::repeat(0.0));
+        let bright = self.intensities.iter().copied();
+        let beside = u_mm.zip(bright.chain(std::iter::repeat(0.0)));
         let points = points
             .iter()
-            .zip(u_mm)
-            .map(|(&(index, at), mount_u_mm)| CloudPoint {
+            .zip(beside)
+            .map(|(&(index, at), (mount_u_mm, intensity))| CloudPoint {
                 at,
                 profile,
                 index,
                 t_us,
                 mount_u_mm,
-                ..CloudPoint::default()
+                intensity,
             });
         self.hand(Handover::Points(points.collect()))
     }

@@ -5,7 +5,7 @@
 //! * `.pcd`, and with the feature `cloud-formats` `.las`, `.laz`, `.e57`, `.parquet`: as
 //!   [`super::clouds`] writes them.
 //!
-//! Each has the time of every point where that is asked for; `.csv`, `.ply`, `.pcd` and `.parquet` its uncertainty by the mount.
+//! Each has the time of every point where that is asked for, and its intensity; `.csv`, `.ply`, `.pcd` and `.parquet` its uncertainty by the mount.
 //!
 //! A file appears under its name only when it is complete.
 
@@ -42,6 +42,9 @@ pub trait PointSink {
     /// Takes the standard uncertainties by the mount of the points of the profile that comes next, in mm.
     fn uncertainties(&mut self, _mount_u_mm: &[f64]) {}
 
+    /// Takes how bright the points of the profile that comes next were, in the sensor's own measure.
+    fn intensities(&mut self, _intensities: &[f64]) {}
+
     /// Takes the points of a profile, each with its index in the sensor's array.
     ///
     /// # Errors
@@ -67,6 +70,8 @@ pub struct PointStyle {
     pub times: bool,
     /// The standard uncertainty of each point by the mount.
     pub uncertainties: bool,
+    /// How bright the sensor saw each point.
+    pub intensities: bool,
 }
 
 /// A file of points that is being written.
@@ -107,8 +112,10 @@ impl PointFile {
             ));
         }
         let profiles = style.profiles || kind != "ply";
-        let plain =
-            !style.times && !style.uncertainties && (kind == "csv" || kind == "ply" && !profiles);
+        let plain = !style.times
+            && !style.uncertainties
+            && !style.intensities
+            && (kind == "csv" || kind == "ply" && !profiles);
         if !plain {
             check_extension(path)?;
             let style = CloudStyle {
@@ -116,7 +123,7 @@ impl PointFile {
                     profile: profiles,
                     index: profiles,
                     time: style.times,
-                    intensity: false,
+                    intensity: style.intensities,
                     mount_u: style.uncertainties,
                 },
                 double: style.double,
@@ -180,6 +187,10 @@ impl PointSink for PointFile {
 
     fn uncertainties(&mut self, mount_u_mm: &[f64]) {
         self.sink.uncertainties(mount_u_mm);
+    }
+
+    fn intensities(&mut self, intensities: &[f64]) {
+        self.sink.intensities(intensities);
     }
 
     fn profile(&mut self, profile: u64, points: &[(u32, [f64; 3])]) -> Result<(), ScanError> {

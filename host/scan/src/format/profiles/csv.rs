@@ -1,11 +1,13 @@
 //! Profiles as CSV: `profile,frame,t_us,encoder,index,x_mm,z_mm`.
 //!
 //! A row per sample with a range; one row with the last three empty for a profile without
-//! any. The rows of a profile stand together.
+//! any. The rows of a profile stand together. A column `intensity` may stand beside them: how bright the sample
+//! was, in the sensor's own measure. It is read only where that is asked for.
 
 use std::io::BufRead;
 
 use super::super::table::TableReader;
+use super::Depth;
 use crate::ScanError;
 use crate::profile::{Profile, ProfilePoint, Stamp};
 
@@ -19,6 +21,7 @@ const MOST_DISORDER: usize = 450_000_000;
 /// table, or what `take` refuses.
 pub fn visit<R: BufRead>(
     mut table: TableReader<R>,
+    depth: Depth,
     mut take: impl FnMut(&Profile<'_>) -> Result<(), ScanError>,
 ) -> Result<(), ScanError> {
     let profile = table.column("profile")?;
@@ -28,9 +31,13 @@ pub fn visit<R: BufRead>(
     let index = table.column("index")?;
     let x_mm = table.column("x_mm")?;
     let z_mm = table.column("z_mm")?;
+    let intensity = (depth == Depth::Intensities)
+        .then(|| table.optional("intensity"))
+        .flatten();
 
     let mut current: Option<Stamp> = None;
     let mut samples: Vec<ProfilePoint> = Vec::new();
+    let mut bright: Vec<f64> = Vec::new();
     let mut disorder = 0;
     while let Some(row) = table.next_row()? {
         let stamp = Stamp {
@@ -51,8 +58,10 @@ pub fn visit<R: BufRead>(
                 if stamp.profile < before.profile {
                     return Err(row.wrong(profile, "a profile behind the one before"));
                 }
-                hand_out(before, &samples, &mut take)?;
+                let intensities = intensity.map(|_| &*bright);
+                hand_out(before, &samples, intensities, &mut take)?;
                 samples.clear();
+                bright.clear();
                 disorder = 0;
             }
             None => {}
@@ -79,9 +88,12 @@ pub fn visit<R: BufRead>(
             }
         }
         samples.push(sample);
+        if let Some(column) = intensity {
+            bright.push(row.finite(column)?);
+        }
     }
     match current {
-        Some(stamp) => hand_out(stamp, &samples, &mut take),
+        Some(stamp) => hand_out(stamp, &samples, intensity.map(|_| &*bright), &mut take),
         None => Ok(()),
     }
 }
@@ -89,11 +101,13 @@ pub fn visit<R: BufRead>(
 fn hand_out(
     stamp: Stamp,
     samples: &[ProfilePoint],
+    intensities: Option<&[f64]>,
     take: &mut impl FnMut(&Profile<'_>) -> Result<(), ScanError>,
 ) -> Result<(), ScanError> {
     take(&Profile {
         stamp,
         samples,
+        intensities,
         invalid: 0,
     })
 }
@@ -109,6 +123,7 @@ mod tests {
         let mut profiles = Vec::new();
         visit(
             TableReader::new(text.as_bytes(), "p".into()).unwrap(),
+            Depth::Samples,
             |profile| {
                 profiles.push((profile.stamp, profile.samples.len()));
                 Ok(())
@@ -127,6 +142,40 @@ mod tests {
         let profiles =
             read("0,5,1.5,,3,1.0,2.0\n0,5,1.5,,1,1.5,2.5\n1,6,2.5,,3,1.0,2.0\n").unwrap();
         assert_eq!((profiles[0].1, profiles[1].1), (2, 1));
+    }
+
+    /// Each sample keeps its own, in the order of the rows; without the question the column is not looked at, so that
+    /// what was read before still is.
+    #[test]
+    fn intensities_stand_by_their_samples_where_they_are_asked_for() {
+        let read = |text: &str, depth| {
+            let mut all = Vec::new();
+            let table = TableReader::new(text.as_bytes(), "p".into())?;
+            visit(table, depth, |profile| {
+                let places: Vec<u32> = profile.samples.iter().map(|s| s.index).collect();
+                all.push((places, profile.intensities.map(<[f64]>::to_vec)));
+                Ok(())
+            })
+            .map(|()| all)
+        };
+        let text = "profile,frame,t_us,intensity,index,x_mm,z_mm\n0,5,1.5,7.5,3,1.0,2.0\n0,5,1.5,200,1,1.5,2.5\n\
+                    1,6,9.5,,,,\n2,7,19.5,0,3,1.0,2.0\n";
+        let all = read(text, Depth::Intensities).unwrap();
+        let due = [
+            (vec![3, 1], Some(vec![7.5, 200.0])),
+            (vec![], Some(vec![])),
+            (vec![3], Some(vec![0.0])),
+        ];
+        assert_eq!(all, due);
+        let all = read(text, Depth::Samples).unwrap();
+        assert!(all.iter().all(|(_, bright)| bright.is_none()));
+        // A sample without its own is none that is 0.
+        let cut = text.replace("7.5", "");
+        assert_eq!(read(&cut, Depth::Intensities).unwrap_err().code, "corrupt");
+        assert!(read(&cut, Depth::Samples).is_ok());
+        // A file without the column says nothing.
+        let bare = "profile,frame,t_us,index,x_mm,z_mm\n0,5,1.5,3,1.0,2.0\n";
+        assert_eq!(read(bare, Depth::Intensities).unwrap()[0].1, None);
     }
 
     #[test]

@@ -2,8 +2,9 @@
 //!
 //! A message begins with its size (u32, all of it) and control word (u16: bits 0-14 its type,
 //! bit 15 the last of its group). Type 1 are stamps, type 5 profiles as pairs (x, z), type 6
-//! profiles of evenly spaced z. Other types are skipped. Stamps and profiles of a group belong
-//! together in their order. Sizes of stamps and attributes are those that the message says,
+//! profiles of evenly spaced z, type 7 a byte of intensity for each sample of those, which is read
+//! only where that is asked for. Other types are skipped. Stamps, profiles and intensities of a
+//! group belong together in their order. Sizes of stamps and attributes are those that the message says,
 //! because they grow with the sensor's firmware.
 
 use std::collections::VecDeque;
@@ -21,6 +22,8 @@ const NO_RANGE: i16 = i16::MIN;
 const LARGEST: u32 = 1 << 26;
 /// The largest group that makes sense, in bytes of its profiles.
 const LARGEST_GROUP: usize = 1 << 27;
+/// The type of a message of intensities.
+const INTENSITIES: u16 = 7;
 /// Bytes of size and control word.
 const HEAD: usize = 6;
 
@@ -77,6 +80,13 @@ pub fn visit<R: Read>(
                     group.spare.pop().unwrap_or_default(),
                 ));
             }
+            INTENSITIES if depth == Depth::Intensities => {
+                group.bytes += message.len();
+                if group.bytes > LARGEST_GROUP {
+                    return Err(channel.error("corrupt", "a group of messages that never ends"));
+                }
+                group.bright.push(channel.bright(&message)?);
+            }
             _ => {}
         }
         group.is_open = control & 0x8000 == 0;
@@ -102,9 +112,19 @@ struct Group {
     messages: Vec<Vec<u8>>,
     /// Profiles in them.
     rows: usize,
+    /// Intensities of the group's profiles, in their order.
+    bright: Vec<Bright>,
     bytes: usize,
     /// Buffers to be used again.
     spare: Vec<Vec<u8>>,
+}
+
+/// A message of intensities.
+struct Bright {
+    width: usize,
+    /// A byte each, profile by profile.
+    values: Vec<u8>,
+    count: usize,
 }
 
 struct Channel<'a> {
@@ -169,10 +189,16 @@ impl Channel<'_> {
             self.left_out
                 .extend(self.ticks.drain(..).map(|tick| tick.frame));
         } else {
+            // Where there are not as many as profiles nobody knows whose they are.
+            let count = (group.bright.iter()).fold(0_usize, |n, b| n.saturating_add(b.count));
+            let all_there = count == group.rows;
+            let mut bright = group.bright.iter().flat_map(Bright::rows);
             for message in &group.messages {
-                self.profiles(message, depth, samples, take)?;
+                let mut of_profile = || bright.next().filter(|_| all_there);
+                self.profiles(message, depth, samples, &mut of_profile, take)?;
             }
         }
+        group.bright.clear();
         group.spare.append(&mut group.messages);
         (group.rows, group.bytes) = (0, 0);
         Ok(())
@@ -210,21 +236,52 @@ impl Channel<'_> {
         Ok(())
     }
 
-    fn profiles(
+    /// The intensities of a message, of which only count and width must fit.
+    fn bright(&self, message: &[u8]) -> Result<Bright, ScanError> {
+        const ATTRIBUTES: usize = 8;
+        /// Count and width.
+        const LEAST: usize = 8;
+        let size = usize::from(u16_at(message, 6));
+        let begin = ATTRIBUTES + size;
+        if size < LEAST || begin > message.len() {
+            return Err(self.error(
+                "corrupt",
+                &format!("attributes of {size} bytes make no sense in this message of intensities"),
+            ));
+        }
+        let (count, width) = (u32_at(message, 8) as usize, u32_at(message, 12) as usize);
+        let end = (count.checked_mul(width)).and_then(|bytes| bytes.checked_add(begin));
+        let values = end.and_then(|end| message.get(begin..end));
+        let values = values.map(<[u8]>::to_vec).ok_or_else(|| {
+            self.error(
+                "corrupt",
+                &format!("{count} profiles of {width} intensities do not fit into their message"),
+            )
+        })?;
+        Ok(Bright {
+            width,
+            values,
+            count,
+        })
+    }
+
+    fn profiles<'b>(
         &mut self,
         message: &[u8],
         depth: Depth,
         samples: &mut Vec<ProfilePoint>,
+        bright: &mut dyn FnMut() -> Option<&'b [u8]>,
         take: &mut impl FnMut(&Profile<'_>) -> Result<(), ScanError>,
     ) -> Result<(), ScanError> {
         let layout = self.layout(message)?;
+        let mut intensities = Vec::new();
         for row in 0..layout.count {
             let Some(tick) = self.ticks.pop_front() else {
                 return Err(self.error("corrupt", "a profile without a stamp in its group"));
             };
             samples.clear();
             let mut invalid = 0;
-            if depth == Depth::Samples {
+            if depth != Depth::Stamps {
                 let begin = layout.begin + row * layout.width * layout.stride();
                 let data = &message[begin..begin + layout.width * layout.stride()];
                 invalid = layout.decode(data, samples);
@@ -236,9 +293,26 @@ impl Channel<'_> {
                 encoder: Some(tick.encoder),
             };
             self.profiles += 1;
+            let bright = bright();
+            if let Some(bright) = bright {
+                if bright.len() != layout.width {
+                    return Err(self.error(
+                        "corrupt",
+                        &format!(
+                            "a profile of {} samples with {} intensities",
+                            layout.width,
+                            bright.len()
+                        ),
+                    ));
+                }
+                let of = |sample: &ProfilePoint| bright.get(sample.index as usize);
+                intensities.clear();
+                intensities.extend(samples.iter().filter_map(of).map(|&byte| f64::from(byte)));
+            }
             take(&Profile {
                 stamp,
                 samples,
+                intensities: bright.map(|_| &*intensities),
                 invalid,
             })?;
         }
@@ -297,6 +371,16 @@ impl Channel<'_> {
             format_args!("{}, byte {}: {what}", self.name, self.at),
         )
         .with("byte", self.at)
+    }
+}
+
+impl Bright {
+    /// Profile by profile.
+    fn rows(&self) -> impl Iterator<Item = &[u8]> {
+        (0..self.count).map(|row| {
+            let begin = row * self.width;
+            self.values.get(begin..begin + self.width).unwrap_or(&[])
+        })
     }
 }
 
@@ -493,6 +577,78 @@ mod tests {
         ] {
             assert_eq!(read(&capture).unwrap_err().code, "corrupt");
         }
+    }
+
+    /// Intensities of `count` profiles.
+    fn bright(control: u16, width: u32, values: &[u8]) -> Vec<u8> {
+        let mut body = 24_u16.to_le_bytes().to_vec();
+        for value in [values.len() as u32 / width.max(1), width, 50_000] {
+            body.extend(value.to_le_bytes());
+        }
+        body.resize(2 + 24, 0xCD);
+        body.extend(values);
+        message(INTENSITIES | control, &body)
+    }
+
+    fn read_bright(bytes: &[u8]) -> Result<Vec<Option<Vec<f64>>>, ScanError> {
+        let mut all = Vec::new();
+        visit(bytes, "capture", Depth::Intensities, |profile| {
+            all.push(profile.intensities.map(<[f64]>::to_vec));
+            Ok(())
+        })?;
+        Ok(all)
+    }
+
+    /// Each sample with a range gets the byte at its own place in the array, in batches as well; a group that lost its
+    /// intensities has none rather than those of another.
+    #[test]
+    fn intensities_go_to_the_samples_of_their_profile() {
+        let mut open = profiles(
+            5,
+            60,
+            3,
+            &[1, 10, 2, i16::MIN, 3, 30, 4, i16::MIN, 5, 50, 6, 60],
+        );
+        open[5] &= 0x7F;
+        let capture = [
+            stamps(0, 40, &[(7, 1024, 0), (8, 2048, 0)]),
+            open,
+            bright(LAST, 3, &[11, 12, 13, 14, 15, 255]),
+            stamps(0, 40, &[(9, 4096, 0)]),
+            profiles(6, 24, 2, &[5, -5]),
+        ]
+        .concat();
+        let due = [Some(vec![11.0, 13.0]), Some(vec![15.0, 255.0]), None];
+        assert_eq!(read_bright(&capture).unwrap(), due);
+        // Who does not ask reads the same profiles as from a capture without.
+        let taken = read(&capture).unwrap();
+        assert_eq!(taken.len(), 3);
+        // One row for two profiles: nobody knows whose.
+        let mut open = profiles(6, 24, 1, &[5, 6]);
+        open[5] &= 0x7F;
+        let two = stamps(0, 40, &[(7, 1024, 0), (8, 2048, 0)]);
+        let short = [two.clone(), open.clone(), bright(LAST, 1, &[9])].concat();
+        assert_eq!(read_bright(&short).unwrap(), [None, None]);
+        // Sizes that contradict are told to who asks, and to nobody else.
+        let wide = [two.clone(), open.clone(), bright(LAST, 2, &[1, 2, 3, 4])].concat();
+        let mut beyond = bright(LAST, 1, &[1, 2]);
+        beyond[8] = 200;
+        for capture in [wide, [two, open, beyond].concat()] {
+            assert_eq!(read_bright(&capture).unwrap_err().code, "corrupt");
+            assert_eq!(read(&capture).unwrap().len(), 2);
+        }
+        let huge = |count: u32, width: u32| {
+            let mut message = bright(LAST, 1, &[]);
+            message[8..12].copy_from_slice(&count.to_le_bytes());
+            message[12..16].copy_from_slice(&width.to_le_bytes());
+            message
+        };
+        // No room for these, and endless rows without a byte do not run forever.
+        assert_eq!(
+            read_bright(&huge(u32::MAX, u32::MAX)).unwrap_err().code,
+            "corrupt"
+        );
+        assert_eq!(read_bright(&huge(u32::MAX, 0)).unwrap(), []);
     }
 
     /// A profile that was lost on the way leaves its stamp behind: the next profile must not get it.

@@ -23,6 +23,8 @@ pub enum Depth {
     Stamps,
     /// Their samples, too.
     Samples,
+    /// Their samples, and how bright each was where the file says so.
+    Intensities,
 }
 
 /// Hands out every profile of a file in its order: a `.gocator` capture, a table of three lines a
@@ -48,7 +50,7 @@ pub fn visit(
         three_lines::visit(BufReader::with_capacity(1 << 16, file), &name, take)
             .map(|()| Vec::new())
     } else {
-        csv::visit(TableReader::open(path)?, take).map(|()| Vec::new())
+        csv::visit(TableReader::open(path)?, depth, take).map(|()| Vec::new())
     }
 }
 

@@ -97,6 +97,7 @@ pub fn visit<R: BufRead>(
         take(&Profile {
             stamp,
             samples: &samples,
+            intensities: None,
             invalid: (along.len() - samples.len()) as u64,
         })?;
     }

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use clap::Args;
 use serde::Serialize;
 use umi_experiment::scan::ball::{self, DIAMETER_MM, THESIS_OFF_MM};
+use umi_experiment::scan::edge;
 use umi_experiment::scan::mount::calibrate;
 use umi_experiment::scan::station::TableMachine;
 use umi_experiment::scan::washer::{self, TRUE_MM, WasherTest};
@@ -42,8 +43,8 @@ washer  that of Paludo's work (41.20, 19.75, 6.30 mm) in its three tests, tables
         sensor has that work's field and range, noise of 10 um, speckle of 5 um, mixed samples at
         a fifth of the edges, and a washer that mirrors.
 ball    25.4 mm at 5 um noise; the thesis of Sawula is off by 68.4 um in its figure 6.6.
-speed   where that ball is when it is scanned at 2.5 to 500 mm/s, both ways: with the board, and
-        with positions that are 55 ms old, as the timer of that thesis' program makes them.
+speed   where the edge of a block is when it is scanned at 2.5 to 500 mm/s, both ways: with the
+        board, and with positions that are 55 ms old, as the timer of that thesis' program makes them.
 
 With --workpiece instead: the workpiece of `umi demo` (tool paths 0.541 mm apart, as printed), scanned
 as in the thesis' sections 5.1 and 6.5 at 2.5 mm/s, a profile each 0.127 mm: tables 5.1, 6.2, 6.3
@@ -253,7 +254,7 @@ fn speeds(of_ball: LineScannerSpec) -> Result<Vec<SpeedRow>, Failure> {
     let mut station = TableMachine::new(spec, 1);
     let machine = station.truth.clone();
     let mut at = |speed: f64, late: f64| {
-        ball::place_along_x(&mut station, &machine, speed, late).map_err(mount_failure)
+        edge::place_along_x(&mut station, &machine, speed, late).map_err(mount_failure)
     };
     SPEEDS
         .into_iter()
@@ -334,7 +335,7 @@ fn text(shown: &Shown) -> String {
         mount.largest_error_mrad
     ));
     line(format_args!(
-        "Where the ball is along X at several speeds, WITHOUT noise: what is left is time"
+        "Where the edge of a block is along X at several speeds, WITHOUT noise: what is left is time"
     ));
     let mut table = Table::new(">>>").titles(&["mm/s", "with the board, mm", "with a timer, mm"]);
     for row in &shown.speed {

@@ -1,6 +1,6 @@
 //! `umi scan`
 
-mod answer;
+pub(in crate::cmd) mod answer;
 mod calibrate;
 mod cloud;
 mod demo;

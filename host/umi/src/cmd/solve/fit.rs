@@ -1,8 +1,9 @@
 //! `umi fit`
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crate::failure::Failure;
+use crate::show::json;
 use crate::show::terminal::{
     self, FAINT, Plain, TITLE, Table, count, decimals, fixed, histogram, paint, print, print_json,
     signed_bar,
@@ -13,8 +14,10 @@ use umi_client::quantities::{self, Amount, Parameter, QuantityUnit, parameters};
 use umi_core::units::Point;
 use umi_protocol::feature::Shape;
 use umi_protocol::job::FeatureKind;
+use umi_scan::format::clouds::CloudReader;
 
 use crate::cmd::Format;
+use crate::cmd::scan::answer::failure;
 
 /// Fit a geometry to points by orthogonal least squares
 #[derive(Args)]
@@ -23,20 +26,23 @@ pub(crate) struct Fit {
     /// The geometry
     #[arg(value_enum)]
     kind: Kind,
-    /// Points in mm, one a line: x y z, or columns named x, y, z; `-` is standard input
-    #[arg(value_name = "POINTS.csv")]
+    /// Points in mm, one a line: x y z, or columns named x, y, z; `-` is standard input. Or a cloud: .ply, .pcd, .las, .laz
+    /// or .e57
+    #[arg(value_name = "POINTS")]
     points: PathBuf,
     #[command(flatten)]
     pub format: Format,
 }
 
 const HELP: &str = "\
-Columns are separated by commas, semicolons, tabs or blanks; # begins a comment;
-the first line may name the columns.
+Columns are separated by commas, semicolons, tabs or blanks; # begins a comment; the first line
+may name the columns. A cloud is read as `umi scan convert` reads it, by its ending: E57 has
+metres, all others mm. Points of a cloud without numbers are left out and counted (`not_finite`).
 
 Examples:
   umi fit sphere ball.csv               a ball: centre, radius, uncertainties
   umi fit cylinder bore.csv --json      for machines: one JSON object
+  umi fit sphere cloud.ply              a cloud that a scan left, cropped to the ball
   grep -v bad hits.txt | umi fit plane -
 
 Exit status: 0 fitted, 1 file or usage, 2 refused: the points do not determine
@@ -73,15 +79,52 @@ impl From<Kind> for FeatureKind {
 
 impl Fit {
     pub fn run(self) -> Result<(), Failure> {
-        let points = points::read(&self.points)?;
+        let (points, not_finite) = read(&self.points)?;
         let fitted = umi_core::job::fit(self.kind.into(), &points)?;
         let fit = quantities::FitFigures::new(&fitted, &points);
         if self.format.json {
-            print_json(&crate::show::json::fit(&fit))
-        } else {
-            print(&text(&fit, &points))
+            return print_json(&match not_finite {
+                Some(left_out) => json::fit_of_cloud(&fit, left_out),
+                None => json::fit(&fit),
+            });
         }
+        let mut text = text(&fit, &points);
+        if let Some(left_out) = not_finite.filter(|n| *n > 0) {
+            let points = count(left_out, "point");
+            text += &format!("\n  {points} without numbers left out\n");
+        }
+        print(&text)
     }
+}
+
+/// Formats of clouds, by the ending.
+const CLOUDS: [&str; 5] = ["ply", "pcd", "las", "laz", "e57"];
+/// What is no list of points.
+const OTHERS: [&str; 7] = ["parquet", "stl", "obj", "step", "stp", "gocator", "toml"];
+
+/// The points of a file, and how many of a cloud were left out for want of numbers.
+fn read(path: &Path) -> Result<(Vec<Point>, Option<u64>), Failure> {
+    let ending = path.extension().unwrap_or_default().to_string_lossy();
+    let ending = ending.to_ascii_lowercase();
+    if OTHERS.contains(&ending.as_str()) {
+        return Err(Failure::trouble(
+            "format",
+            format_args!(
+                "{}: .{ending} is no list of points. Give a cloud (.{}), or points as text: x y z in each line",
+                path.display(),
+                CLOUDS.join(", .")
+            ),
+        ));
+    }
+    if !CLOUDS.contains(&ending.as_str()) {
+        return Ok((points::read(path)?, None));
+    }
+    let mut cloud = CloudReader::open(path).map_err(failure)?;
+    let mut points = Vec::new();
+    while let Some(point) = cloud.next_point().map_err(failure)? {
+        points.push(Point::from_array_mm(point.at));
+    }
+    Ok((points, Some(cloud.not_finite)))
 }
 
 /// Points up to this number are listed, more are summed up in a histogram.

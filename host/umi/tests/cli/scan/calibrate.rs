@@ -29,6 +29,11 @@ fn machine(mount: &str) -> String {
 
 /// The streams of a scan at these positions: a ball on a table, 5 µm of noise, spikes.
 fn scan(truth: &AxisChain, poses: &str) -> (String, String) {
+    scan_of(truth, poses, RADIUS_MM)
+}
+
+/// The same of a ball of another radius.
+fn scan_of(truth: &AxisChain, poses: &str, radius_mm: f64) -> (String, String) {
     let mut profiles = String::from("profile,frame,t_us,encoder,index,x_mm,z_mm\n");
     let mut latches = String::from(
         "event,number,cause,t_ns,x_counts,y_counts,z_counts,w_counts,axis5_counts,axis6_counts,lost\n",
@@ -58,7 +63,7 @@ fn scan(truth: &AxisChain, poses: &str) -> (String, String) {
         let table = up.dot(&back.point(&[0.0, 0.0, 0.0].into()));
         for i in 0..600 {
             let x = -30.0 + 0.1 * f64::from(i);
-            let height = RADIUS_MM.powi(2) - ball.y.powi(2) - (x - ball.x).powi(2);
+            let height = radius_mm.powi(2) - ball.y.powi(2) - (x - ball.x).powi(2);
             let on_table = (table - up.x * x) / up.z;
             let mut at = if height > 0.0 {
                 ball.z + height.sqrt()
@@ -343,4 +348,120 @@ fn a_zero_of_an_axis_that_is_wrong_is_refused_by_its_name() {
         let by_poses = told["covariance_poses"][i][i].as_f64().unwrap();
         assert!((in_file[i][i] / by_poses - 1.0).abs() < 1e-12, "{told}");
     }
+}
+
+/// Positions over the ball at angles of C, with the axes of the machine as they are; between two angles some profiles
+/// while C turns. A stands at an angle.
+fn stands(truth: &AxisChain, a: f64, angles: &[f64]) -> String {
+    let mut text = String::from("profile,X,Y,Z,A,C\n");
+    let mut number = 0;
+    let mut put = |c: f64, across: f64| {
+        let flange = truth.flange_in_workpiece(&[0.0, 0.0, 0.0, a, c]);
+        // The ball's middle at this place of the sensor.
+        let sees = truth.sensor.point(&[0.0, across, 0.0].into());
+        let t = flange.undo(&BALL_MM.into()) - sees;
+        let round = |mm: f64| (mm * 1e3).round() / 1e3;
+        let [x, y, z] = [t.x, t.y, t.z].map(round);
+        writeln!(text, "{number},{x},{y},{z},{a},{c}").unwrap();
+        number += 1;
+    };
+    for (k, c) in angles.iter().enumerate() {
+        for step in -5..=5 {
+            put(*c, 1.5 * f64::from(step));
+        }
+        let next = angles.get(k + 1).copied().unwrap_or(*c + 30.0);
+        for share in [0.25, 0.5, 0.75] {
+            put(c + share * (next - c), 0.0);
+        }
+    }
+    text
+}
+
+/// A scan of a ball that turns with C, at eight angles and while it turns, becomes the line of C where it truly lies:
+/// 0.1 mm and 0.02 degrees beside the machine file. A stands tilted, which the machine file's A takes back.
+#[test]
+fn a_ball_scanned_at_angles_of_an_axis_becomes_its_line() {
+    let folder = Folder::new();
+    let file = machine(TRUTH);
+    let axis = "direction = [0, 0, 1]      # the axis";
+    let (at, lies) = file.rsplit_once(axis).unwrap();
+    let moved = lies.replacen("point_mm = [0, 0, 0]", "point_mm = [0.1, -0.06, 0]", 1);
+    let truly = format!("{at}direction = [0.0003, -0.0002, 1] # {moved}");
+    let truth = AxisChain::parse(&truly).unwrap();
+    let file = folder.file("m.toml", &file);
+    let angles: Vec<f64> = (0..8).map(|k| 45.0 * f64::from(k)).collect();
+    let centres = folder.path("centres.csv");
+    let found = |a: f64, radius_mm: f64, more: &[&str]| {
+        let (profiles, latches) = scan_of(&truth, &stands(&truth, a, &angles), radius_mm);
+        let profiles = folder.file("profiles.csv", profiles);
+        let latches = folder.file("latches.csv", latches);
+        let args = [
+            "scan",
+            "calibrate",
+            "centres",
+            &profiles,
+            &latches,
+            "--machine",
+            &file,
+        ];
+        let rest = ["--radius-mm", "12.7", "-o", &centres, "--force", "--json"];
+        umi(&[&args[..], &rest, more].concat())
+    };
+    for a in [0.0, 12.0] {
+        let seen = found(a, RADIUS_MM, &["--axis", "C"]).exits(0).json();
+        let all = seen["centres"].as_array().unwrap();
+        assert_eq!(all.len(), angles.len(), "{seen}");
+        for (centre, angle) in all.iter().zip(&angles) {
+            assert!(
+                (centre["angle_deg"].as_f64().unwrap() - angle).abs() < 1e-4,
+                "{centre}"
+            );
+            assert!(centre["rms_mm"].as_f64().unwrap() < 0.01, "{centre}");
+            assert_eq!(centre["profiles"], 11, "{centre}");
+        }
+        // What was seen while C turned is counted, and in no centre.
+        assert_eq!(seen["too_narrow"], 3 * angles.len(), "{seen}");
+        assert!(seen["warnings"].is_null(), "{seen}");
+        let line = umi(&["scan", "calibrate", "axis", &centres, "--json"])
+            .exits(0)
+            .json();
+        let (direction, point) = (numbers(&line["direction"]), numbers(&line["point_mm"]));
+        let joint = truth.joints.iter().find(|joint| joint.name == "C").unwrap();
+        let turned = joint.direction.iter().zip(&direction);
+        assert!(
+            turned.clone().all(|(t, f)| (t - f).abs() < 1e-4),
+            "A {a}: {line}"
+        );
+        // How far the true line's point lies from the found line.
+        let arm: Vec<f64> = (point.iter().zip(joint.point_mm.iter()))
+            .map(|(found, truly)| found - truly)
+            .collect();
+        let along: f64 = arm
+            .iter()
+            .zip(joint.direction.iter())
+            .map(|(a, d)| a * d)
+            .sum();
+        for (arm, d) in arm.iter().zip(joint.direction.iter()) {
+            let beside = arm - along * d;
+            assert!(beside.abs() < 0.003, "A {a}: {beside} {line}");
+        }
+        assert!(line["sigma_mm"].as_f64().unwrap() < 0.005, "{line}");
+    }
+    // A ball of another radius is told, and not believed without a word.
+    let seen = found(0.0, RADIUS_MM + 0.02, &["--axis", "C"])
+        .exits(0)
+        .json();
+    assert!(seen["warnings"].to_string().contains("12.72"), "{seen}");
+    // A is turned by nothing here, but carries C, which was: the ball moved on the part.
+    let refusals = [("A", "moved"), ("X", "missing_axis"), ("B", "missing_axis")];
+    for (axis, code) in refusals {
+        let error = found(0.0, RADIUS_MM, &["--axis", axis]).exits(2).json();
+        assert_eq!(error["error"]["code"], code, "{error}");
+    }
+    std::fs::remove_file(&centres).unwrap();
+    let error = found(0.0, RADIUS_MM, &["--axis", "C", "--within-mm", "0.0000001"])
+        .exits(2)
+        .json();
+    assert_eq!(error["error"]["code"], "too_few_points", "{error}");
+    assert!(!std::path::Path::new(&centres).exists());
 }

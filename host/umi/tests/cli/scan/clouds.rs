@@ -59,7 +59,7 @@ fn every_point_is_kept_or_counted() {
     assert_eq!(text.lines().count(), 18);
     assert!(text.starts_with("profile,index,x_mm,y_mm,z_mm,intensity\n0,0,0.5,0,0.25,0\n"));
     let text = std::fs::read_to_string(&gone).unwrap();
-    assert!(text.contains("\n1,4,4.5,1,7.5\n"), "{text}");
+    assert!(text.contains("\n1,4,4.5,1,7.5,"), "{text}");
     assert_eq!(text.lines().count(), 4);
 
     let out = folder.path("crop.ply");
@@ -308,4 +308,70 @@ fn a_run_that_is_ended_leaves_nothing_behind() {
     let found = done(&["convert", &small, "-o", &out]);
     assert_eq!(found["kept"], 20, "{found}");
     assert!(std::fs::exists(&out).unwrap() && !std::fs::exists(&part).unwrap());
+}
+
+/// `umi fit` takes the clouds that the scan commands write, by their ending, and comes to the same geometry as from the
+/// table; what is no list of points is refused with the endings that are.
+#[test]
+fn a_geometry_is_fitted_to_every_format_of_cloud() {
+    let folder = Folder::new();
+    let mut text = String::from("x_mm,y_mm,z_mm\n");
+    for k in 0..200 {
+        let (turn, up) = (0.7 * f64::from(k), f64::from(k) / 200.0);
+        let across = (1.0 - up * up).sqrt() * 12.7;
+        let (x, y) = (100.0 + across * turn.cos(), 20.0 + across * turn.sin());
+        writeln!(text, "{x},{y},{}", 12.7 * up - 30.0).unwrap();
+    }
+    let table = folder.file("ball.csv", &text);
+    let fitted = |path: &str| umi(&["fit", "sphere", path, "--json"]).exits(0).json();
+    let wanted = fitted(&folder.file("names.csv", text.replace("_mm", "")));
+    assert!(
+        (wanted["radius_mm"].as_f64().unwrap() - 12.7).abs() < 1e-9,
+        "{wanted}"
+    );
+    for extension in ["ply", "pcd", "las", "laz", "e57"] {
+        let cloud = folder.path(&format!("a.{extension}"));
+        done(&["convert", &table, "-o", &cloud, "--double"]);
+        let found = fitted(&cloud);
+        assert_eq!(
+            (&found["n"], &found["not_finite"]),
+            (&json!(200), &json!(0))
+        );
+        // LAS has steps of 0.1 µm.
+        let within = if extension.starts_with("la") {
+            1e-4
+        } else {
+            1e-9
+        };
+        let off = found["radius_mm"].as_f64().unwrap() - 12.7;
+        assert!(off.abs() < within, "{extension}: {found}");
+        for k in 0..3 {
+            let of = |value: &Value| value["center_mm"][k].as_f64().unwrap();
+            assert!(
+                (of(&found) - of(&wanted)).abs() < within,
+                "{extension}: {found}"
+            );
+        }
+    }
+    // A point that is none is counted, and said.
+    let holed = "ply\nformat ascii 1.0\nelement vertex 6\nproperty double x\nproperty double y\nproperty double z\n\
+                 end_header\n0 0 1\n1 0 0\n-1 0 0\n0 1 0\nnan 0 0\n0 -1 0\n";
+    let holed = folder.file("holed.ply", holed);
+    assert_eq!(fitted(&holed)["not_finite"], 1);
+    let said = umi(&["fit", "sphere", &holed]).exits(0).out;
+    assert!(said.contains("1 point without numbers left out"), "{said}");
+    for name in ["a.parquet", "a.stl"] {
+        let path = folder.file(name, "PAR1");
+        let error = umi(&["fit", "sphere", &path, "--json"]).exits(1).json();
+        assert_eq!(error["error"]["code"], "format", "{error}");
+        assert!(
+            error.to_string().contains(".ply, .pcd, .las, .laz, .e57"),
+            "{error}"
+        );
+    }
+    let cut = folder.file(
+        "cut.ply",
+        "ply\nformat binary_little_endian 1.0\nelement vertex 9\n",
+    );
+    umi(&["fit", "sphere", &cut, "--json"]).exits(1);
 }

@@ -21,6 +21,10 @@ fn the_demonstration_meets_its_goals() {
         let speed = row["speed_mm_per_s"].as_f64().unwrap();
         let timer = row["with_timer_mm"].as_f64().unwrap();
         assert!((timer + speed * 0.055).abs() < 0.002, "{row}");
+        assert!(
+            row["with_board_mm"].as_f64().unwrap().abs() < 0.002,
+            "{row}"
+        );
     }
     let again = umi(&["scan", "demo", "--runs", "1", "--seed", "7", "--json"]).exits(0);
     assert_eq!(again.out, ran.out);

@@ -5,6 +5,7 @@ mod clouds;
 mod demo;
 mod digitize;
 mod drive;
+mod foreign;
 mod localise;
 mod mount;
 mod plan;

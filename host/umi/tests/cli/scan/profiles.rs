@@ -541,6 +541,104 @@ fn no_positions_are_no_poses() {
 }
 
 /// Bounds that nothing lies between would drop every point.
+/// Each point keeps the intensity of its own sample, in every format that a cloud can be read back from, and `filter`
+/// goes by it. Without the option the cloud is the same to the byte as that of profiles without the column.
+#[test]
+fn points_keep_their_intensity_where_it_is_asked_for() {
+    let folder = Folder::new();
+    let bright = |profile: usize, index: usize| (37 * profile + 11 * index) % 251;
+    let plain = std::fs::read_to_string(cases().join("merge_3axis.profiles.csv")).unwrap();
+    let head = "profile,frame,t_us,encoder,index,x_mm,z_mm";
+    assert_eq!(plain.lines().next(), Some(head));
+    let mut text = format!("{head},intensity\n");
+    for row in plain.lines().skip(1) {
+        let cells: Vec<&str> = row.split(',').collect();
+        let of_row = match cells[4].parse() {
+            Ok(index) => bright(cells[0].parse().unwrap(), index).to_string(),
+            Err(_) => String::new(),
+        };
+        text += &format!("{row},{of_row}\n");
+    }
+    let with = folder.file("profiles.csv", &text);
+    let merge = |profiles: &str, name: &str, more: &[&str]| {
+        let out = folder.path(name);
+        let args = ["scan", "merge", profiles, "merge_3axis.triggers.csv"];
+        let out_args = ["--machine", "merge_3axis.toml", "-o", &out];
+        let args = [&args[..], &out_args, more].concat();
+        let ran = run(&args.iter().map(|arg| (*arg).to_owned()).collect::<Vec<_>>());
+        (out, ran)
+    };
+    // Nobody asked: as ever.
+    for name in ["a.csv", "a.ply"] {
+        let (bare, ran) = merge("merge_3axis.profiles.csv", name, &[]);
+        let answer = ran.exits(0).json();
+        let (beside, ran) = merge(&with, &format!("b{name}"), &[]);
+        assert_eq!(ran.exits(0).json(), answer);
+        assert!(std::fs::read(&bare).unwrap() == std::fs::read(&beside).unwrap());
+    }
+    let (table, ran) = merge(&with, "table.csv", &["--intensity-too"]);
+    let merged = ran.exits(0).json();
+    let text = std::fs::read_to_string(&table).unwrap();
+    assert!(text.starts_with("profile,index,x_mm,y_mm,z_mm,intensity\n"));
+    let whole = |cell: &str| cell.parse::<f64>().unwrap() as usize;
+    let wanted: Vec<usize> = (text.lines().skip(1))
+        .map(|row| {
+            let cells: Vec<&str> = row.split(',').collect();
+            assert_eq!(
+                whole(cells[5]),
+                bright(whole(cells[0]), whole(cells[1])),
+                "{row}"
+            );
+            whole(cells[5])
+        })
+        .collect();
+    assert_eq!(wanted.len() as u64, merged["points"]);
+    assert!(wanted.iter().any(|b| *b > 125) && wanted.iter().any(|b| *b <= 125));
+    for name in ["c.ply", "c.pcd", "c.las", "c.laz", "c.e57"] {
+        let (cloud, ran) = merge(&with, name, &["--intensity-too"]);
+        ran.exits(0);
+        let again = folder.path(&format!("{name}.csv"));
+        let args = ["scan", "convert", &cloud, "-o", &again];
+        run(&args.map(str::to_owned)).exits(0);
+        let text = std::fs::read_to_string(&again).unwrap();
+        assert!(
+            text.lines().next().unwrap().ends_with(",intensity"),
+            "{name}"
+        );
+        let found = text
+            .lines()
+            .skip(1)
+            .map(|row| whole(row.rsplit(',').next().unwrap()));
+        assert_eq!(found.collect::<Vec<_>>(), wanted, "{name}");
+    }
+    let (cloud, out) = (folder.path("c.ply"), folder.path("filtered.csv"));
+    let gone = folder.path("gone.csv");
+    let args = [
+        "scan",
+        "filter",
+        &cloud,
+        "--intensity",
+        "0,125",
+        "-o",
+        &out,
+        "--dropped",
+        &gone,
+    ];
+    let filtered = run(&args.map(str::to_owned)).exits(0).json();
+    let kept = wanted.iter().filter(|b| **b <= 125).count();
+    assert_eq!(filtered["kept"], kept as u64);
+    let text = std::fs::read_to_string(&gone).unwrap();
+    assert_eq!(text.lines().count(), 1 + wanted.len() - kept);
+    for row in text.lines().skip(1) {
+        assert!(whole(row.rsplit(',').next().unwrap()) > 125, "{row}");
+    }
+    // What has none is refused, and leaves no file.
+    let (out, ran) = merge("merge_3axis.profiles.csv", "none.csv", &["--intensity-too"]);
+    let error = ran.exits(2).json();
+    assert_eq!(error["error"]["code"], "no_intensity", "{error}");
+    assert!(!std::path::Path::new(&out).exists());
+}
+
 #[test]
 fn an_intensity_with_its_bounds_reversed_is_refused() {
     let folder = Folder::new();

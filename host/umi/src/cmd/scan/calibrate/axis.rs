@@ -16,7 +16,8 @@ use super::super::answer::answer;
 #[derive(Args)]
 #[command(after_help = HELP)]
 pub(crate) struct Axis {
-    /// angle_deg,ball,x_mm,y_mm,z_mm: centres in the machine frame at angles of the axis
+    /// angle_deg,ball,x_mm,y_mm,z_mm: centres in the machine frame at angles of the axis, as `calibrate centres` finds
+    /// them in a scan
     #[arg(value_name = "CENTRES.csv")]
     centres: PathBuf,
     #[command(flatten)]
@@ -33,6 +34,8 @@ worst, and `cov_direction_poses`, `cov_point_poses` say how uncertain the axis i
 
 Examples:
   umi scan calibrate axis centres.csv
+  umi scan calibrate centres ball.gocator scan.csv --machine m.toml --axis C \\
+      --radius-mm 12.7 -o centres.csv
   umi scan calibrate axis centres.csv --json | jq .point_mm
 
 Refused (status 2): too_few_points, unidentifiable, not_finite, angle_unit, no_convergence.";

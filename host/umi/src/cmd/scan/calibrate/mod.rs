@@ -1,6 +1,7 @@
 //! `umi scan calibrate`
 
 mod axis;
+mod centres;
 mod line_plan;
 mod observe;
 mod plan;
@@ -20,6 +21,8 @@ Examples:
   umi scan calibrate observe ball.gocator scan.csv --machine m.toml --on sphere --radius-mm 12.7 \\
       -o seen.csv --positions positions.csv
   umi scan calibrate sensor seen.csv positions.csv --machine m.toml --on sphere --radius-mm 12.7
+  umi scan calibrate centres turned.gocator scan.csv --machine m.toml --axis C \\
+      --radius-mm 12.7 -o centres.csv
   umi scan calibrate axis centres.csv
   umi scan calibrate point readings.csv --spheres ball.toml")]
 pub(crate) struct Calibrate {
@@ -32,6 +35,7 @@ enum What {
     Observe(Box<observe::Observe>),
     Sensor(sensor::Sensor),
     Axis(axis::Axis),
+    Centres(Box<centres::Centres>),
     Point(point::CalibratePoint),
     Plan(Box<plan::Plan>),
 }
@@ -42,6 +46,7 @@ impl Calibrate {
             What::Observe(command) => command.run(),
             What::Sensor(command) => command.run(),
             What::Axis(command) => command.run(),
+            What::Centres(command) => command.run(),
             What::Point(command) => command.run(),
             What::Plan(command) => command.run(),
         }

@@ -48,6 +48,10 @@ pub(crate) struct Merge {
     /// and Parquet
     #[arg(long, conflicts_with = "each_profile")]
     uncertainty_too: bool,
+    /// How bright the sensor saw each point, as the column `intensity`, in its own measure: of a `.gocator` capture
+    /// whose sensor sends intensities (0 to 255), or of profiles as CSV with a column `intensity`
+    #[arg(long, conflicts_with = "each_profile")]
+    intensity_too: bool,
     /// E57 with a scan for each profile: points in the sensor's frame, and the sensor's pose
     #[arg(long)]
     each_profile: bool,
@@ -79,8 +83,12 @@ With --interpolate-ms the answer names the profiles that no latch placed (`inter
 points stand on a straight line between two latches, whatever the axes did there.
 
 The time of a point (--times-too) is that of its edge plus --latency-us: the moment for which its
-counts were taken. All points of a profile have the same. No format of profiles that is read has an
-intensity, so a merged cloud has none; clouds that have one keep it in every command behind.
+counts were taken. All points of a profile have the same.
+
+With --intensity-too each point has the intensity of its sample, which `umi scan filter
+--intensity` goes by and every command behind keeps. Where a profile with samples has none the
+scan is refused (`no_intensity`): 0 would say that it was dark. LAS and LAZ hold whole numbers of
+0 to 65535.
 
 With --uncertainty-too each point has the standard uncertainty that the mount's covariance in the machine
 file gives it: the root of the variances along x, y and z together. The noise of the sensor and errors of the
@@ -94,13 +102,14 @@ Examples:
   umi scan merge part.gocator scan.csv --machine c800u.toml --latency-us 150 -o cloud.csv
   umi scan merge part.gocator scan.csv --machine c800u.toml --encoder x -o cloud.ply --double
   umi scan merge part.gocator scan.csv --machine c800u.toml --profiles-too --times-too -o cloud.ply
+  umi scan merge part.gocator scan.csv --machine c800u.toml --intensity-too -o cloud.ply
   umi scan merge part.gocator scan.csv --machine found.toml --uncertainty-too -o cloud.parquet
   umi scan merge part.gocator scan.csv --machine c800u.toml --interpolate-ms 20 -o cloud.e57
   umi scan merge part.gocator scan.csv --machine c800u.toml --each-profile -o profiles.e57
   umi scan merge part.gocator scan.csv --machine c800u.toml --poses poses.csv -o cloud.csv
 
 Refused (status 2): as `umi scan pair`, machine, missing_axis, not_finite, motion_lost, latency, too_few_latches,
-no_grid, too_many_profiles, no_uncertainty.";
+no_grid, too_many_profiles, no_uncertainty, no_intensity.";
 
 fn milliseconds(text: &str) -> Result<f64, String> {
     let value = text.trim().parse().ok();
@@ -143,6 +152,7 @@ impl Merge {
                         profiles: self.profiles_too,
                         times: self.times_too,
                         uncertainties: self.uncertainty_too,
+                        intensities: self.intensity_too,
                     },
                 )?
             },
@@ -158,6 +168,7 @@ impl Merge {
                 until_loss: self.until_loss,
                 interpolate_us: self.interpolate_ms.map(|ms| ms * 1e3),
                 uncertainties: self.uncertainty_too,
+                intensities: self.intensity_too,
             },
             &mut file,
         )?;
@@ -190,6 +201,10 @@ impl PointSink for Files {
 
     fn uncertainties(&mut self, mount_u_mm: &[f64]) {
         self.points.uncertainties(mount_u_mm);
+    }
+
+    fn intensities(&mut self, intensities: &[f64]) {
+        self.points.intensities(intensities);
     }
 
     fn profile(&mut self, profile: u64, points: &[(u32, [f64; 3])]) -> Result<(), ScanError> {

@@ -58,7 +58,7 @@ corrupt.";
 /// What the sensor and the board told, and what their pairing must keep to.
 #[derive(Args)]
 pub(crate) struct Streams {
-    /// Profiles: CSV (profile,frame,t_us,encoder,index,x_mm,z_mm), a .gocator capture, or a table of
+    /// Profiles: CSV (profile,frame,t_us,encoder,index,x_mm,z_mm; and intensity), a .gocator capture, or a table of
     /// three lines a profile: time in ms, places along the line, distances (mm)
     #[arg(value_name = "PROFILES")]
     pub profiles: PathBuf,

@@ -1,6 +1,8 @@
 //! Observations straight from a scan: the ball or the plane in every profile, and where the machine
 //! held the sensor.
 
+pub mod centres;
+
 use std::collections::HashMap;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -202,7 +204,7 @@ pub fn observe(
 }
 
 /// Which ball a cut is of, by where the machine file's mount puts it.
-struct Balls {
+pub(super) struct Balls {
     known: Option<Vec<(String, Vec3)>>,
     /// Where the others were seen first.
     found: Vec<Vec3>,
@@ -226,7 +228,16 @@ impl Balls {
         }
     }
 
-    fn name(&mut self, at: &Vec3) -> Option<String> {
+    /// Those that nobody has told of.
+    pub fn unknown(apart_mm: f64) -> Self {
+        Self {
+            known: None,
+            found: Vec::new(),
+            apart_mm,
+        }
+    }
+
+    pub fn name(&mut self, at: &Vec3) -> Option<String> {
         let nearest = |all: &mut dyn Iterator<Item = (usize, f64)>| {
             all.min_by(|a, b| a.1.total_cmp(&b.1))
                 .filter(|(_, distance)| *distance < self.apart_mm)
