@@ -10,7 +10,8 @@ use std::collections::HashMap;
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::distance::apart;
-use super::{MountModel, SampleSights};
+use super::model::MountModel;
+use crate::calibrate::features::SampleSights;
 use crate::calibrate::features::{plane_through, points_by_feature};
 use crate::calibrate::observations::{Observation, Observations};
 use crate::calibrate::solve::{Model, descend};

@@ -14,7 +14,8 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::distance::APART;
-use super::{MountModel, SampleSights};
+use super::model::MountModel;
+use crate::calibrate::features::SampleSights;
 use crate::rigid::orthonormal;
 use umi_kinematics::Pose;
 

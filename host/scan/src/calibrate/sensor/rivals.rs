@@ -3,8 +3,9 @@
 use super::distance::{APART, apart};
 use super::lines::{Within, at_mount, numbers_over, valleys};
 use super::mirror::{moved_across, planes_reflected, reflected};
-use super::{MountModel, SampleSights};
+use super::model::MountModel;
 use crate::ScanError;
+use crate::calibrate::features::SampleSights;
 use crate::calibrate::solve::{MOST_NOISE_MM, Solution, descend, solve};
 use umi_kinematics::Pose;
 

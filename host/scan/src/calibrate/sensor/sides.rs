@@ -5,11 +5,10 @@
 use nalgebra::Vector3;
 
 use super::distance::apart;
-use super::{MountModel, SampleSights};
-use crate::calibrate::features::Cut;
+use super::model::{MountModel, step_mount};
+use crate::calibrate::features::{Cut, SampleSights};
 use crate::calibrate::observations::Observations;
 use crate::calibrate::solve::{Model, TakeRow, descend};
-use crate::rigid::{orthonormal, rotation};
 use umi_kinematics::Pose;
 
 /// So many cuts' signs are tried, every choice: with a radius that is known, and one that is not.
@@ -91,18 +90,6 @@ impl Model for SidedBalls<'_> {
         }
         step_mount(&mut self.mount, &self.sought, mount);
     }
-}
-
-/// Moves a mount by what of it is sought.
-pub(super) fn step_mount(mount: &mut Pose, sought: &[bool; 6], step: &[f64]) {
-    let mut six = [0.0; 6];
-    let places = six.iter_mut().zip(sought).filter(|(_, sought)| **sought);
-    for ((value, _), step) in places.zip(step) {
-        *value = *step;
-    }
-    let turn = rotation(&Vector3::new(six[0], six[1], six[2]));
-    mount.rotation = orthonormal(&(turn * mount.rotation));
-    mount.translation_mm += Vector3::new(six[3], six[4], six[5]);
 }
 
 /// Where to begin descents, the best first: mounts near the first one that bring the cuts' centres together, each with

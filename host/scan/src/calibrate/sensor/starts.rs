@@ -3,8 +3,9 @@
 use nalgebra::Vector3;
 
 use super::lines::{Within, valleys};
+use super::model::MountModel;
 use super::sides::by_sides;
-use super::{MountModel, SampleSights};
+use crate::calibrate::features::SampleSights;
 use crate::calibrate::features::{Cut, cuts};
 use crate::calibrate::observations::Observations;
 use crate::calibrate::solve::{Model, descend};
