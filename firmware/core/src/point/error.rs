@@ -71,8 +71,8 @@ pub enum PointRefusal {
         "all readings strike the ball at one place: spread them over a cone of 90 degrees or more"
     )]
     OnePlace,
-    /// All readings are alike.
-    #[error("all readings are alike (standard deviation {:.2e} mm), which shows only where the point at that reading lies, not the beam's direction: measure at two stand-offs or more, over the depth of field", .spread.0)]
+    /// All readings are alike, up to a thousandth of the radius.
+    #[error("the readings vary by less than a thousandth of the ball's radius (standard deviation {:.2e} mm), which shows only where the point at that reading lies, not the beam's direction: measure at two stand-offs or more, over the depth of field", .spread.0)]
     RangeNotVaried {
         /// Standard deviation of the readings.
         spread: Mm,
@@ -120,8 +120,10 @@ pub enum PointRefusal {
         direction_rad: f64,
     },
     /// Two beams on the side of the rough direction fit about equally well.
-    #[error("two beams {apart_deg:.1} degrees and {:.3} mm apart fit about as well (rms {:.3e} and {:.3e} mm), both on the side of the rough direction: give a better direction, measure with the axes at several heights, and not on one circle of the ball alone", .apart.0, .best_rms.0, .other_rms.0)]
+    #[error("two beams {apart_deg:.1} degrees and {:.3} mm apart fit alike (rms {:.3e} and {:.3e} mm), as far as {dof} readings more than unknowns can tell, and both are on the side of the rough direction: measure more places, with the axes at several heights, and not on one circle of the ball alone, or give a better direction", .apart.0, .best_rms.0, .other_rms.0)]
     Ambiguous {
+        /// Degrees of freedom.
+        dof: usize,
         /// rms of the better one.
         best_rms: Mm,
         /// rms of the other one.

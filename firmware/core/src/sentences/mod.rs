@@ -142,6 +142,7 @@ fn points() -> [PointRefusal; 17] {
             direction_rad: 0.25,
         },
         PointRefusal::Ambiguous {
+            dof: 2,
             best_rms: Mm(0.001),
             other_rms: Mm(0.002),
             apart_deg: 12.5,

@@ -379,6 +379,9 @@ fn refusals() {
         (|a| a.by = HeardBy::Pulses, 'R'),
         (|a| a.adaptations = 0.0, 'U'),
         (|a| a.dof_position = 101.0, 'V'),
+        // An end of the depth of field gives no signal.
+        (|a| a.dof_position = 0.0, 'V'),
+        (|a| a.dof_position = 100.0, 'V'),
         (|a| a.rate_hz = 0.0, 'W'),
         (|a| a.power = -1.0, 'X'),
         (|a| a.captures = 1.0, 'Z'),
@@ -415,6 +418,8 @@ fn the_macro_names_its_letters() {
             ("R1.", "R0.5", 'R'),
             ("U1.", "U0.", 'U'),
             ("V50.", "V101.", 'V'),
+            ("V50.", "V0.", 'V'),
+            ("V50.", "V100.", 'V'),
             ("W2000.", "W9001.", 'W'),
             ("X2000.", "X4096.", 'X'),
             ("Z20.", "Y1.Z20.", 'Y'),

@@ -5,8 +5,8 @@ use std::path::Path;
 use serde::Serialize;
 use serde_json::Value;
 use umi_core::point::{
-    BallReading, CalibrationBall, PointCalibration, PointQuestion, PointSensor, ResidualNoise,
-    calibrate,
+    BallReading, CalibrationBall, PointCalibration, PointQuestion, PointRefusal, PointSensor,
+    ResidualNoise, calibrate,
 };
 use umi_core::units::{Mm, Point};
 
@@ -100,6 +100,9 @@ pub fn find(
         })
         .collect::<Result<_, ScanError>>()?;
     let fit = calibrate(&read, &balls.balls, &question.wanted).map_err(|refusal| {
+        if let Some(error) = gain_is_open(&read, balls, &question.wanted, &refusal) {
+            return error;
+        }
         let wild = wild(readings).filter(|_| refusal.code() == "residual_too_large");
         let mut error = ScanError::from(refusal);
         if let Some(reading) = wild {
@@ -123,6 +126,38 @@ pub fn find(
         .with("rms_mm", fit.stats.rms.0));
     }
     Ok(answer(readings, &read, &balls.balls, question, &fit))
+}
+
+/// Readings that fit with the gain as it is, and have no minimum with the gain free: nothing is wrong with direction,
+/// balls or unit.
+fn gain_is_open(
+    read: &[BallReading],
+    balls: &CalibrationBalls,
+    wanted: &PointQuestion,
+    refusal: &PointRefusal,
+) -> Option<ScanError> {
+    if !wanted.free_gain || !matches!(refusal, PointRefusal::NoConvergence) {
+        return None;
+    }
+    let fixed = PointQuestion {
+        free_gain: false,
+        ..*wanted
+    };
+    let fit = calibrate(read, &balls.balls, &fixed).ok()?;
+    let n = read.len() as f64;
+    let spread = (read
+        .iter()
+        .map(|r| (r.gamma.0 - fit.mean_gamma.0).powi(2))
+        .sum::<f64>()
+        / n)
+        .sqrt();
+    Some(ScanError::refused(
+        "degenerate",
+        format_args!(
+            "the readings do not determine the gain: with a gain of 1 they fit (rms {:.2e} mm), with the gain free no minimum is found; they vary by {spread:.2e} mm only (standard deviation): measure over the whole depth of field, or leave --free gain out",
+            fit.stats.rms.0
+        ),
+    ))
 }
 
 /// The one reading that is far from the others.
@@ -258,6 +293,46 @@ impl KnownSensor {
     pub fn scale_warning(&self) -> Option<&str> {
         let mut all = self.warnings.iter().map(String::as_str);
         all.find(|warning| warning.starts_with(SCALE))
+    }
+
+    /// Refuses a calibration that says itself that the axes' scale did not fit the balls.
+    ///
+    /// # Errors
+    /// `warm_scale`.
+    pub fn check_scale(&self) -> Result<(), ScanError> {
+        match self.scale_warning() {
+            None => Ok(()),
+            Some(warning) => Err(ScanError::refused(
+                "warm_scale",
+                format_args!("the calibration says: {warning}; then calibrate again"),
+            )),
+        }
+    }
+
+    /// Refuses a calibration that was made at readings farther than `within_mm` beside one that this lens has. One
+    /// that does not say where it was made is taken.
+    ///
+    /// # Errors
+    /// `other_lens`.
+    pub fn check_stand_off(
+        &self,
+        reading_mm: f64,
+        within_mm: f64,
+        said: impl std::fmt::Display,
+    ) -> Result<(), ScanError> {
+        let Some(stand_off_mm) = self.stand_off_mm else {
+            return Ok(());
+        };
+        // Also refuses what is no number.
+        if (stand_off_mm - reading_mm).abs() <= within_mm {
+            return Ok(());
+        }
+        Err(ScanError::refused(
+            "other_lens",
+            format_args!(
+                "the calibration was made at readings about {stand_off_mm:.3} mm; {said}: calibrate with this lens"
+            ),
+        ))
     }
 }
 

@@ -13,10 +13,11 @@ use umi_core::point::{
 };
 
 use super::readings::SensorReadings;
+use crate::student::{NORMAL_95, coverage_95};
 
 /// More standard uncertainties than this are no chance.
 const SURE: f64 = 10.0;
-/// So many degrees of freedom say what chance is.
+/// So many degrees of freedom say what chance is. With one reading left out, or one unknown more, that is.
 const LEAST_DOF: usize = 6;
 /// Less than this is no matter: mm, and part of a reading.
 const LEAST_MM: f64 = 1e-5;
@@ -42,8 +43,11 @@ pub(super) fn doubts(
     .collect();
     // What is wrong scatters, and so leaves the direction open: that is no fault of the places.
     let loose = wrong.is_empty().then(|| loose(fit)).flatten();
+    let is_noisy = fit.stats.sigma.is_some();
+    let few = is_noisy.then(|| few_readings(fit.stats.dof)).flatten();
     repeated(read)
         .into_iter()
+        .chain(few)
         .chain(loose)
         .chain(wrong)
         .collect()
@@ -66,7 +70,16 @@ fn repeated(read: &[BallReading]) -> Option<String> {
     })
 }
 
-/// A direction that is not known well.
+/// So few readings that their scatter hardly says how they scatter: every standard uncertainty is made of it. What else
+/// could be wrong ([`outlier`], [`model`]) is not tried with them either.
+pub(super) fn few_readings(dof: usize) -> Option<String> {
+    let factor = coverage_95(dof as u64).filter(|_| dof <= LEAST_DOF)?;
+    Some(format!(
+        "weak: few readings, {dof} more than unknowns: their scatter is known so badly that 95 % of errors are within {factor:.1} times u, not 2, and a wrong reading, radius or gain is not told; measure 13 places or more"
+    ))
+}
+
+/// A direction that is not known well. Few readings count by Student's t: what holds 95 % is as wide as with that uncertainty.
 fn loose(fit: &PointCalibration) -> Option<String> {
     if fit.weak.is_some() {
         return None;
@@ -75,10 +88,10 @@ fn loose(fit: &PointCalibration) -> Option<String> {
     let variance: f64 = (3..6)
         .filter_map(|i| Some(*covariance.get(i)?.get(i)?))
         .sum();
-    let rad = variance.sqrt();
+    let rad = variance.sqrt() * coverage_95(fit.stats.dof as u64)? / NORMAL_95;
     (rad > LOOSE_RAD).then(|| {
         format!(
-            "weak: the direction is known to {:.1} mrad only (standard uncertainty): a point is off by {:.1} um for each millimetre that its reading is beside {:.2} mm; spread the readings over a wider cone and over the depth of field",
+            "weak: the direction is known to {:.1} mrad only (standard uncertainty, widened by Student's t): a point is off by {:.1} um for each millimetre that its reading is beside {:.2} mm; spread the readings over a wider cone and over the depth of field",
             rad * 1e3,
             rad * 1e3,
             fit.mean_gamma.0

@@ -10,6 +10,7 @@ use serde::Serialize;
 use umi_core::point::{BallReading, CalibrationBall, PointQuestion, PointSensor, calibrate};
 use umi_core::units::{Mm, Point};
 
+use super::doubts::few_readings;
 use crate::ScanError;
 use crate::rigid::Vec3;
 
@@ -84,6 +85,8 @@ pub struct SensorPlan {
     pub u_direction: [f64; 3],
     /// Expected standard uncertainties of a point at the stand-off.
     pub u_point_mm: [f64; 3],
+    /// What the calibration will warn of: `weak: few readings, …`.
+    pub warnings: Vec<String>,
 }
 
 /// Makes the set.
@@ -129,12 +132,14 @@ pub fn plan(question: &PlanQuestion) -> Result<SensorPlan, ScanError> {
     let place = fit
         .sensor
         .place_covariance(Mm(question.stand_off_mm), &total);
+    let warnings = few_readings(fit.stats.dof).into_iter().collect();
     Ok(SensorPlan {
         kind: "point_sensor_plan",
         places,
         u_offset_mm: [0, 1, 2].map(root),
         u_direction: [3, 4, 5].map(root),
         u_point_mm: [0, 1, 2].map(|k: usize| place[k][k].max(0.0).sqrt()),
+        warnings,
     })
 }
 

@@ -419,3 +419,76 @@ fn a_warm_scale_is_named() {
         assert!((told - 10.6).abs() < 5.0, "{seed}: {told}");
     }
 }
+
+/// Eight readings: what they say of their own scatter is told beforehand and afterwards, with Student's factor. Thirteen
+/// say enough, and readings without scatter state no uncertainty.
+#[test]
+fn few_readings_are_told() {
+    let of = |places: usize, stand_offs: usize| {
+        let question = PlanQuestion {
+            places,
+            stand_offs,
+            ..planned()
+        };
+        let plan = plan::plan(&question).unwrap();
+        let ball = spheres::parse(BALL).unwrap();
+        let exact = of_plan(&plan);
+        let found = calibration::find(&exact, &ball, &self::question()).unwrap();
+        assert_eq!(found.warnings, Vec::<String>::new());
+        let mut noise = noise_of(places as u64);
+        let mut readings = exact;
+        for reading in &mut readings.used {
+            reading.gamma_mm += noise();
+        }
+        let found = calibration::find(&readings, &ball, &self::question()).unwrap();
+        (plan.warnings, found.warnings)
+    };
+    let (planned, found) = of(8, 2);
+    let told = "weak: few readings, 3 more than unknowns: ";
+    assert!(
+        planned[0].starts_with(told) && planned[0].contains("within 3.2 times u"),
+        "{planned:?}"
+    );
+    assert_eq!(found.first(), planned.first(), "{found:?}");
+    let none = Vec::<String>::new();
+    assert_eq!(of(13, 3), (none.clone(), none));
+}
+
+/// Readings over 0.1 mm do not show their gain: that is said, and not that direction, balls or unit are wrong.
+#[test]
+fn a_gain_that_is_open_is_named() {
+    const TEXT: &str = "x,y,z,gamma\n\
+        176.397575835,120.517783733,-220.856832942,45.545185816\n\
+        179.533264151,119.634644958,-223.473326473,45.576361805\n\
+        171.953193768,122.704169164,-220.078780377,45.485646059\n\
+        173.518022473,118.440571077,-221.016549731,45.489233905\n\
+        175.230722859,122.329197199,-220.267150333,45.504764354\n\
+        176.212313714,126.363272571,-221.520395399,45.515019722\n\
+        179.668396408,119.162536935,-224.021085157,45.518191769\n\
+        176.789154600,124.695173226,-221.113092820,45.516165431\n\
+        176.366232881,118.850680225,-221.502405997,45.507562355\n\
+        171.743656811,119.963584210,-220.468812775,45.506903556\n\
+        178.840794698,127.717132092,-224.695055018,45.484943770\n\
+        179.590231669,121.987314071,-222.842520627,45.559562959\n\
+        176.252833433,128.990596175,-223.768095077,45.491785552\n\
+        174.985923087,121.390627007,-220.210590876,45.575807228\n\
+        171.170798130,124.569353082,-220.447553723,45.499356783\n\
+        176.010262260,128.199640189,-222.754418601,45.502696725\n\
+        172.115601524,123.612930384,-220.045667168,45.578710984\n\
+        178.479838550,121.515585070,-221.894827356,45.535967922\n\
+        171.484644740,122.790256036,-220.081115815,45.570769763\n\
+        175.900351942,119.175776603,-221.112685368,45.553046863\n";
+    let ball = "[[sphere]]\nid = 1\ncenter_mm = [32.992526422,89.566527663,-197.491994257]\nradius_mm = 8.819816684\n";
+    let ball = spheres::parse(ball).unwrap();
+    let readings = readings(TEXT.as_bytes(), None).unwrap();
+    let mut question = question();
+    question.wanted.noise = umi_core::point::ResidualNoise::AlongBeam;
+    calibration::find(&readings, &ball, &question).unwrap();
+    question.wanted.free_gain = true;
+    let error = calibration::find(&readings, &ball, &question).unwrap_err();
+    assert_eq!(error.code, "degenerate", "{error}");
+    assert!(
+        error.message.contains("the gain") && error.message.contains("--free gain"),
+        "{error}"
+    );
+}

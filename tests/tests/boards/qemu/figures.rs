@@ -87,7 +87,8 @@ const BUDGETS: [(&str, u64); 19] = [
     // bytes a second is 4166.
     (names::LACES, 166),
     (names::CHORDS, 179),
-    (names::CALIBRATION_100, 2_080_000),
+    // The goal itself: it takes 1 895 480 (2026-11-29).
+    (names::CALIBRATION_100, 2_000_000),
     (names::PLACE, 140),
     // At 9000 a second a core of 480 MHz has 53 333 for each.
     (names::READING, 3_700),

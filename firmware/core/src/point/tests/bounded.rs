@@ -1,7 +1,7 @@
 //! Where the squared equations bound the beams, no search finds another answer.
 //!
 //! `OPENUMI_LONG=1 cargo test -p umi-core --release point::tests::bounded -- --nocapture` tries 700 000
-//! sets, of which the equations bound a fifth; without it, as many as a second takes.
+//! sets, of which the equations bound a sixth; without it, as many as a second takes.
 
 use std::collections::BTreeMap;
 use std::string::{String, ToString};

@@ -1,6 +1,7 @@
 //! What a calibration promises, beyond the reference cases of `tests/`.
 
 mod bounded;
+mod few;
 mod motion;
 mod refusals;
 mod scatter;

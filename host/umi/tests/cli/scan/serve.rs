@@ -138,7 +138,7 @@ fn lines_are_answered() {
 
     // Without an output; and what is in force is known.
     assert_eq!(serve("K4\n", &[]).exits(0).out, "6 ok 0.0000\n");
-    let refused = serve("K1 A2000 B2000 D0 E44 F0 H1\n", &[]).exits(0);
+    let refused = serve("K1 A2000 B2000 D0 E44 F0 H1\n", &[]).exits(2);
     let why = "its values are beyond the sensor's";
     assert!(refused.out.contains(why), "{}", refused.out);
     let bad = serve("measure\n", &[]).exits(2);
@@ -147,6 +147,52 @@ fn lines_are_answered() {
     let args = ["scan", "serve", "--off", port[0], port[1]];
     umi(&args).exits(0);
     serve("K3\n", &[]).exits(2);
+}
+
+/// A calibration that warns of the scale, or was made with another lens, is refused before the board has it; one that
+/// does not say where it was made is taken, and so is one of this lens.
+#[test]
+fn calibrations_that_do_not_fit_are_refused() {
+    let (bench, folder) = (Bench::new(), Folder::new());
+    let sensor = folder.file("s.toml", SENSOR);
+    let of_lens = folder.file(
+        "l.toml",
+        format!("{SENSOR}stand_off_mm = 44\nrange_mm = 8\n"),
+    );
+    let cal = |name: &str, more: &str| {
+        let text = CAL.replace("\"gain\": 1", &format!("\"gain\": 1, {more}"));
+        folder.file(name, text)
+    };
+    let warm = cal("w.json", "\"warnings\": [\"scale: +10.6 ppm\"]");
+    let other = cal("o.json", "\"stand_off_mm\": 18.0");
+    let same = cal(
+        "s.json",
+        "\"stand_off_mm\": 43.5, \"warnings\": [\"weak: few\"]",
+    );
+    let serve = |sensor: &str, cal: &str, input: &str| {
+        let args = ["scan", "serve", "--port", &bench.address, "--json"];
+        let set = ["--sensor", sensor, "--calibration", cal];
+        umi_reads(input.as_bytes(), &[&args[..], &set].concat())
+    };
+    let line = "\nK1 A2000 B2000 D8 E44 F0 H1\n";
+    for (sensor, cal, input, name) in [
+        (&sensor, &warm, line.trim_start(), "warm_scale"),
+        (&sensor, &warm, "", "warm_scale"),
+        (&sensor, &other, line.trim_start(), "other_lens"),
+        (&of_lens, &other, "", "other_lens"),
+    ] {
+        let said = serve(sensor, cal, input).exits(2).json();
+        assert_eq!(said["error"]["code"], name, "{said}");
+        // The board was told nothing.
+        let args = ["scan", "serve", "--port", &bench.address, "--json"];
+        let said = umi_reads(b"K3\n", &args).exits(2).json();
+        assert_eq!(said["error"]["code"], "no_sensor", "{said}");
+    }
+    serve(&of_lens, &same, line).exits(0);
+    // A later line is not passed on either.
+    let later = "K1 A2000 B2000 D8 E44 F0 H1\nK1 A2000 B2000 D8 E18 F0 H1\n";
+    let said = serve(&sensor, &same, later).exits(2);
+    assert!(said.out.contains("other_lens"), "{}", said.out);
 }
 
 /// A sensor that cannot be is refused by its field, and a file with another field is told.

@@ -11,6 +11,7 @@ use umi_scan::point_sensor::plan::{PlanQuestion, SensorPlan, plan, program};
 
 use super::super::super::Format;
 use super::super::answer::answer;
+use super::super::point::warned;
 use super::super::triple::{Triple, finite};
 use super::line_plan::{self, LinePlan};
 
@@ -101,7 +102,8 @@ Examples:
   umi scan calibrate plan --machine m.toml --on plane --at 0,0,0 --normal 0.3,-0.2,1 \\
     --swing A=-30..30 --swing C=-180..180 -o poses.csv
 
-A point sensor's program halts at each place for half a second and prints its number and where the
+A point sensor's program is Custom Macro B, for Fanuc, Haas, Mitsubishi and Mazak (POPEN, DPRNT): LinuxCNC and
+GRBL do not read it. It halts at each place for half a second and prints its number and where the
 axes stand. Write the sensor's mean reading of that halt beside them, in mm: x,y,z,gamma, a line
 each, under a header. That is the READINGS.csv of umi scan calibrate point.
 
@@ -166,5 +168,5 @@ fn text(plan: &SensorPlan) -> String {
     line("the offset", plan.u_offset_mm.map(|u| u * 1e3), "um");
     line("the beam", plan.u_direction.map(|u| u * 1e6), "urad");
     line("a point", plan.u_point_mm.map(|u| u * 1e3), "um");
-    text
+    text + &warned(&plan.warnings)
 }

@@ -13,6 +13,7 @@ use umi_scan::point_sensor::{readings, spheres};
 use super::super::super::Format;
 use super::super::answer::answer;
 use super::super::triple::{Triple, finite};
+use crate::show::terminal::{coverage_95, dof};
 
 /// Offset and beam direction of a point distance sensor, from its readings of balls
 #[derive(Args)]
@@ -74,7 +75,8 @@ Examples:
   umi scan calibrate point readings.csv --spheres ball.toml --json > sensor.json
   umi scan points more.csv --calibration sensor.json -o cloud.csv
 
-Measure 13 places or more over a cone of 90 degrees of the ball, at two stand-offs or more.
+Measure 13 places or more over a cone of 90 degrees of the ball, at two stand-offs or more. With fewer than 12
+(two more for --free gain and --free radius) the scatter is hardly known, and `weak: few readings` says how far u reaches.
 Refused (status 2): too_few_points, ambiguous, not_finite, not_a_number, missing_column,
 bad_sphere, center_unknown, unknown_sphere, coincident_points, range_not_varied,
 great_circle, one_circle, degenerate, residual_too_large, no_convergence.";
@@ -131,6 +133,13 @@ fn text(found: &PointSensorCalibration) -> String {
             &u.map(|u| u * 1e3),
             3,
             "um (a point at that reading)",
+        );
+    }
+    if let (Some(_), Some(factor)) = (found.sigma_mm, coverage_95(found.dof as u64)) {
+        let _ = writeln!(
+            text,
+            "95 % interval     {factor:.2} x u (Student's t, {})",
+            dof(found.dof as u64)
         );
     }
     let _ = writeln!(text, "{} of {} readings used", found.used, found.n);

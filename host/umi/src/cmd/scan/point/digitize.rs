@@ -62,7 +62,7 @@ pub(crate) struct Digitize {
         allow_hyphen_values = true
     )]
     adaptations: f64,
-    /// Place in the depth of field, per cent from its near end (letter V)
+    /// Place in the depth of field, per cent from its near end; 1 to 99 where the sensor follows the surface (letter V)
     #[arg(
         long,
         default_value = "50",
@@ -191,12 +191,7 @@ impl Digitize {
                 "the scene has no distance sensor: add a [point_sensor] table",
             )
         })?;
-        if let Some(warning) = known.scale_warning() {
-            return Err(ScanError::refused(
-                "warm_scale",
-                format_args!("the calibration says: {warning}; then calibrate again"),
-            ));
-        }
+        known.check_scale()?;
         same_lens(&known, &spec)?;
         let asked = self.asked(&scene)?;
         if let Some(path) = &self.nc {
@@ -319,20 +314,14 @@ fn same_lens(known: &KnownSensor, spec: &PointSensorSpec) -> Result<(), ScanErro
             ),
         ));
     }
-    let Some(stand_off_mm) = known.stand_off_mm else {
-        return Ok(());
-    };
-    if (stand_off_mm - spec.stand_off_mm).abs() <= spec.range_mm / 2.0 {
-        return Ok(());
-    }
-    Err(ScanError::refused(
-        "other_lens",
+    known.check_stand_off(
+        spec.stand_off_mm,
+        spec.range_mm / 2.0,
         format_args!(
-            "the calibration was made at readings about {stand_off_mm:.3} mm; this sensor reads \
-             {} mm about {} mm: calibrate with this lens",
+            "this sensor reads {} mm about {} mm",
             spec.range_mm, spec.stand_off_mm
         ),
-    ))
+    )
 }
 
 fn refused(refusal: DigitizeRefusal) -> ScanError {

@@ -5,7 +5,7 @@ pub(super) mod points;
 pub(super) mod serve;
 
 /// A line for each warning.
-fn warned(warnings: &[String]) -> String {
+pub(super) fn warned(warnings: &[String]) -> String {
     warnings
         .iter()
         .map(|warning| format!("warning: {warning}\n"))

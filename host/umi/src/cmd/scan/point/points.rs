@@ -44,6 +44,9 @@ Examples:
   umi scan points readings.csv --calibration sensor.json -o cloud.csv
   umi scan points readings.csv --calibration sensor.json -o cloud.ply
 
+The columns u_x_mm, u_y_mm, u_z_mm are standard uncertainties. Where the calibration warned `weak: few readings`, its
+warning comes again and says how many times them 95 % of errors are within.
+
 Refused (status 2): bad_calibration, missing_column, not_a_number, not_finite.";
 
 /// What was written.

@@ -1,6 +1,6 @@
 //! `umi scan serve`
 
-use std::io::BufRead as _;
+use std::io::{BufRead as _, IsTerminal as _};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -14,9 +14,9 @@ use umi_core::units::Mm;
 use umi_protocol::latch::TriggerPulse;
 use umi_protocol::message::Record;
 use umi_protocol::point_sensor::{
-    CapturedAt, PlaceReport, SensorOnBoard, SensorText, StationAnswer,
+    CapturedAt, PlaceReport, PlaceState, SensorOnBoard, SensorText, StationAnswer,
 };
-use umi_scan::point_sensor::calibration;
+use umi_scan::point_sensor::calibration::{self, KnownSensor};
 
 use crate::cmd::scan::answer::failure;
 use crate::cmd::{Board, Format};
@@ -70,14 +70,20 @@ SENSOR.toml:
   baud = 921600                        # 8 data bits, no parity
   captured_at = \"pulse\"                # or \"sync\": the sensor answers at the trigger input
   text = { separator = \"blank\", number = 0, gamma = 1, snr = 2, total = 3 }   # columns
+  stand_off_mm = 44                    # the middle of the lens' depth of field, and its length,
+  range_mm = 8                         # both or neither: a calibration of another lens is refused
+
+A calibration that warns of the axes' scale is refused (warm_scale), and so is one that was made at other
+readings than the lens has, or than a line's target E (other_lens), before the board hears of either: what is
+piped in is looked at first. Without --calibration nothing is known of that.
 
 Examples:
   umi scan serve --sensor sensor.toml --calibration cal.json -o cloud.csv
   printf 'K1 A2000 B2000 D400 E44 F0 H1\\nK2\\n' | umi scan serve --json
   umi scan serve --off
 
-Exit status: 0 every line was answered, 1 usage, file or connection, 2 a line or a sensor was
-refused, or an answer did not come.";
+Exit status: 0 every line was answered, 1 usage, file or connection, 2 a line (state refused: the others
+are passed on all the same), a calibration or a sensor was refused, or an answer did not come.";
 
 /// A sensor's file: what the calibration does not know.
 #[derive(Deserialize)]
@@ -94,14 +100,28 @@ struct WiredSensor {
     captured_at: CapturedAt,
     #[serde(default)]
     pulse: TriggerPulse,
+    /// The middle of the depth of field, and its length.
+    stand_off_mm: Option<f64>,
+    range_mm: Option<f64>,
 }
+
+/// A target this part of the calibration's readings beside them is another lens'. The depth of field of a lens is less
+/// than twice that, and the next lens is farther.
+const OTHER_LENS_PART: f64 = 0.25;
 
 /// Looks at the board this often while it captures.
 const LOOK: Duration = Duration::from_millis(5);
 
 impl Serve {
     pub fn run(self) -> Result<(), Failure> {
-        let wanted = self.wanted()?;
+        let known = match &self.calibration {
+            Some(path) => Some(calibration::read(path).map_err(failure)?),
+            None => None,
+        };
+        if let Some(known) = &known {
+            known.check_scale().map_err(failure)?;
+        }
+        let wanted = self.wanted(known.as_ref())?;
         if let Some(output) = &self.output {
             let inputs: Vec<&Path> = [&self.sensor, &self.calibration]
                 .into_iter()
@@ -110,6 +130,14 @@ impl Serve {
             self.force.check(output, &inputs)?;
         }
         let mut board = self.board.connect()?;
+        // A board keeps its sensor: one of another lens would outlive this command. A terminal has no line yet.
+        let mut ahead = None;
+        if wanted.is_some() && !std::io::stdin().is_terminal() {
+            ahead = std::io::stdin().lock().lines().next();
+            if let Some(Ok(line)) = &ahead {
+                of_this_lens(known.as_ref(), line)?;
+            }
+        }
         if self.off || wanted.is_some() {
             taken(board.set_sensor(wanted)?)?;
         }
@@ -135,12 +163,14 @@ impl Serve {
         };
         let mut next_seq = board.journal_info()?.next_seq;
         let mut sequence = status.answer.map_or(0, |answer| answer.sequence);
-        for line in std::io::stdin().lock().lines() {
+        let mut refused = false;
+        for line in ahead.into_iter().chain(std::io::stdin().lock().lines()) {
             let line = line.map_err(|error| Failure::trouble("input", error))?;
             if line.trim().is_empty() {
                 continue;
             }
             sequence = sequence % 9999 + 1;
+            of_this_lens(known.as_ref(), &line)?;
             let (number, text) = checked(&line, sequence)?;
             sequence = number;
             let text = text.bytes().collect();
@@ -148,13 +178,18 @@ impl Serve {
             let answer = self.answer(&mut board, number)?;
             self.tell(&answer)?;
             next_seq = self.collect(&mut board, next_seq, cloud.as_mut())?;
+            refused |= answer.state == PlaceState::Refused;
         }
-        Ok(())
+        match refused {
+            // Its answer has told it.
+            true => Err(Failure::Negative),
+            false => Ok(()),
+        }
     }
 
     /// The sensor that is asked for.
-    fn wanted(&self) -> Result<Option<SensorOnBoard>, Failure> {
-        let (Some(sensor), Some(known)) = (&self.sensor, &self.calibration) else {
+    fn wanted(&self, known: Option<&KnownSensor>) -> Result<Option<SensorOnBoard>, Failure> {
+        let (Some(sensor), Some(known)) = (&self.sensor, known) else {
             return Ok(None);
         };
         let text = std::fs::read_to_string(sensor)
@@ -162,7 +197,27 @@ impl Serve {
         let wired: WiredSensor = toml::from_str(&text).map_err(|error| {
             Failure::trouble("bad_sensor", format_args!("{}: {error}", sensor.display()))
         })?;
-        let known = calibration::read(known).map_err(failure)?;
+        match (wired.stand_off_mm, wired.range_mm) {
+            (Some(stand_off_mm), Some(range_mm)) => {
+                let said = format_args!(
+                    "{} says {range_mm} mm about {stand_off_mm} mm",
+                    sensor.display()
+                );
+                known
+                    .check_stand_off(stand_off_mm, range_mm / 2.0, said)
+                    .map_err(failure)?;
+            }
+            (None, None) => {}
+            _ => {
+                return Err(Failure::trouble(
+                    "bad_sensor",
+                    format_args!(
+                        "{}: stand_off_mm and range_mm belong together: give both, or neither",
+                        sensor.display()
+                    ),
+                ));
+            }
+        }
         Ok(Some(SensorOnBoard {
             offset_mm: known.sensor.offset.to_array_mm(),
             direction: known.sensor.direction.into(),
@@ -297,16 +352,28 @@ fn variables(answer: &StationAnswer) -> Value {
     Value::Object(values.collect())
 }
 
-/// A line with its number and check value: as it came where it has them, with this number where not.
-fn checked(line: &str, sequence: u16) -> Result<(u16, String), Failure> {
-    let line = line.trim().to_ascii_uppercase();
-    let bad = |why: &str| {
-        Failure::refused(
-            "not_a_command",
-            format_args!("`{line}`: {why}; write a line as K1 A2000 B2000 D400 E44 F0 H1, or K3"),
-        )
+/// Refuses a line that configures a target which this calibration's lens does not have.
+fn of_this_lens(known: Option<&KnownSensor>, line: &str) -> Result<(), Failure> {
+    // What is no command is told where it is passed on.
+    let (Some(known), Ok(words)) = (known, words(&line.trim().to_ascii_uppercase())) else {
+        return Ok(());
     };
-    let rest = line.strip_prefix("UMIP").unwrap_or(&line);
+    let of = |wanted: char| words.iter().find(|(letter, _)| *letter == wanted);
+    let (Some((_, 1.0)), Some((_, target_mm)), Some(stand_off_mm)) =
+        (of('K'), of('E'), known.stand_off_mm)
+    else {
+        return Ok(());
+    };
+    let within_mm = OTHER_LENS_PART * stand_off_mm.abs();
+    let said = format_args!("the line's target is E {target_mm} mm");
+    known
+        .check_stand_off(*target_mm, within_mm, said)
+        .map_err(failure)
+}
+
+/// The letters of a line with their numbers.
+fn words(line: &str) -> Result<Vec<(char, f64)>, &'static str> {
+    let rest = line.strip_prefix("UMIP").unwrap_or(line);
     let mut words = Vec::new();
     for word in rest.split_inclusive(|c: char| c.is_ascii_digit() || c == '.' || c == '-') {
         // A word goes on as long as figures come.
@@ -316,7 +383,7 @@ fn checked(line: &str, sequence: u16) -> Result<(u16, String), Failure> {
         match (begins, words.last_mut()) {
             (true, _) => words.push(word.to_owned()),
             (false, Some(last)) => *last += word,
-            (false, None) => return Err(bad("it begins with no letter")),
+            (false, None) => return Err("it begins with no letter"),
         }
     }
     let mut values: Vec<(char, f64)> = Vec::new();
@@ -325,9 +392,22 @@ fn checked(line: &str, sequence: u16) -> Result<(u16, String), Failure> {
         let mut letters = word.chars();
         let letter = letters.next().unwrap_or(' ');
         let value = letters.as_str().trim().replace(' ', "");
-        let value: f64 = value.parse().map_err(|_| bad("a letter has no number"))?;
+        let value: f64 = value.parse().map_err(|_| "a letter has no number")?;
         values.push((letter, value));
     }
+    Ok(values)
+}
+
+/// A line with its number and check value: as it came where it has them, with this number where not.
+fn checked(line: &str, sequence: u16) -> Result<(u16, String), Failure> {
+    let line = line.trim().to_ascii_uppercase();
+    let bad = |why: &str| {
+        Failure::refused(
+            "not_a_command",
+            format_args!("`{line}`: {why}; write a line as K1 A2000 B2000 D400 E44 F0 H1, or K3"),
+        )
+    };
+    let values = words(&line).map_err(bad)?;
     let of = |wanted: char| values.iter().find(|(letter, _)| *letter == wanted);
     if let (Some((_, number)), Some(_)) = (of('S'), of('C')) {
         // Whole as it is: the board holds its check value.
