@@ -99,3 +99,66 @@ impl PrintedClamping {
         Vector3::from(self.located_deg) - Vector3::from(self.measured_deg)
     }
 }
+
+/// A parameter that the authors chose "by trial and error as well as the authors' experience", as tables 2 and 3 print it, in
+/// millimetres.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PrintedParameter {
+    /// Its name.
+    pub name: &'static str,
+    /// What it was set to: in table 2, and in table 3 where that differs.
+    pub set: &'static str,
+    /// What stands for it here.
+    pub here: Counterpart,
+}
+
+/// What stands for a parameter of the paper here.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Counterpart {
+    /// [`umi_scan::localise::Chosen::normals_mm`]
+    Normals,
+    /// [`umi_scan::localise::Chosen::search_mm`]
+    Search,
+    /// [`umi_scan::localise::Chosen::reach_mm`]
+    Reach,
+    /// [`umi_scan::localise::Chosen::enough_mm`]
+    Enough,
+    /// The noise that was found.
+    Noise,
+    /// Nothing, for this reason.
+    None(&'static str),
+}
+
+/// Tables 2 and 3, and the threshold of the text.
+pub const PARAMETERS: [PrintedParameter; 12] = {
+    const fn set(name: &'static str, set: &'static str, here: Counterpart) -> PrintedParameter {
+        PrintedParameter { name, set, here }
+    }
+    use Counterpart::{Enough, Noise, None, Normals, Reach, Search};
+    [
+        set("normal estimation radius", "1 mm", Normals),
+        set("downsampling radius, fiducials and scan", "4 mm", Search),
+        set("FPFH radius", "20 mm", None("pairs of points vote")),
+        set("SAC-IA samples", "3", None("pairs of points vote")),
+        set(
+            "SAC-IA correspondence randomness",
+            "2",
+            None("nothing is drawn"),
+        ),
+        set("SAC-IA iterations", "4000", None("nothing is drawn")),
+        set("ICP largest distance", "5 mm", Reach),
+        set("ICP iterations", "400; 600", None("ends by its step")),
+        set("ICP epsilon", "1e-9; 2.5e-3 mm", Enough),
+        set(
+            "MLS radius, order, Gauss parameter",
+            "2 mm, 3, 4 mm2",
+            None("nothing is smoothed"),
+        ),
+        set(
+            "voxels of the joined scans",
+            "0.5 mm",
+            None("all points count"),
+        ),
+        set("mean distance of a good fit", "0.4 mm", Noise),
+    ]
+};

@@ -73,8 +73,8 @@ pub struct ClampingFound {
     pub inside: bool,
     /// That uncertainty.
     pub u_mm: f64,
-    /// Located less true of the corner with A alone, and with B alone, if that was asked.
-    pub alone_mm: Option<[Vector3<f64>; 2]>,
+    /// Located less true of the corner with A alone, and with B alone, if that was asked; or why one corner says nothing.
+    pub alone_mm: Option<[Result<Vector3<f64>, ScanError>; 2]>,
     /// Probed by nine hits less true, mm.
     pub probed_mm: Vector3<f64>,
     /// What the data said of themselves: noise (mm) and points on the part.
@@ -127,16 +127,12 @@ pub fn run(
         let inside = cov
             .try_inverse()
             .is_some_and(|inverse| error.dot(&(inverse * error)) < REGION);
-        let alone_mm = if setting.alone {
-            let mut errors = [Vector3::zeros(); 2];
-            for (error, one) in errors.iter_mut().zip(fiducials.chunks(1)) {
-                let by_one = question(setting, &scans, one, &part).answer()?;
-                *error = by_one.located.motion.translation_mm - truth.translation_mm;
-            }
-            Some(errors)
-        } else {
-            None
-        };
+        let alone_mm = setting.alone.then(|| {
+            [0, 1].map(|k| {
+                let one = question(setting, &scans, &fiducials[k..=k], &part).answer()?;
+                Ok(one.located.motion.translation_mm - truth.translation_mm)
+            })
+        });
         all.push(ClampingFound {
             truth,
             found: located.motion,

@@ -15,6 +15,9 @@ pub(super) const TUKEY: f64 = 4.685;
 /// A point within this many times the noise is on the part.
 pub(super) const INLIER: f64 = 4.0;
 
+/// A fit ends at a step below this share of Tukey's limit.
+pub(super) const ENOUGH: f64 = 2e-5;
+
 /// A refined pose.
 #[derive(Clone, Debug)]
 pub(super) struct Fit {
@@ -94,7 +97,7 @@ pub(super) fn robust<'a>(
 ) -> Task<'a> {
     Task {
         within_mm: limit,
-        enough_mm: 2e-5 * limit,
+        enough_mm: ENOUGH * limit,
         ..task(surface, points, Kernel::Tukey(limit), steps, threads)
     }
 }

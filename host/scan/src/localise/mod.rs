@@ -67,10 +67,28 @@ pub struct Located {
     pub symmetries: Vec<SymmetryAxis>,
     /// The points that count, by number, with their signed distances in mm.
     pub on: Vec<(usize, f64)>,
+    /// What others set by hand.
+    pub chosen: Chosen,
     /// Why the verdict is NG; OK if there is nothing.
     pub reasons: Vec<ScanError>,
 }
 
+/// What other programs have as parameters, and model and scan said here. None of it where it was not needed: a stated
+/// problem has its own kernel, and fiducials are found by their shapes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Chosen {
+    /// Edge of the cubes of which one point each was searched with, in mm: by the part's area, wider in a large scan.
+    pub search_mm: Option<f64>,
+    /// From how far around a point its normal was taken, in mm.
+    pub normals_mm: Option<f64>,
+    /// Points farther than this from the part did not count in the end, in mm: by the noise.
+    pub reach_mm: Option<f64>,
+    /// The fit ended at a step below this, in mm.
+    pub enough_mm: Option<f64>,
+}
+
+/// By how much the noise of all points may be more than that of the search's.
+const WORSE: f64 = 1.1;
 /// Points that a search needs.
 const LEAST_POINTS: usize = 30;
 /// Points that scatter about the part by more than this, over its diagonal, are not of it.
@@ -121,12 +139,11 @@ impl LocaliseTask<'_> {
                 ..located
             });
         }
-        self.finish(
-            &surface,
-            &found.fit.motion,
-            found.fit.sigma_mm,
-            found.symmetries,
-        )
+        let (motion, sigma) = (&found.fit.motion, found.fit.sigma_mm);
+        let mut located = self.finish(&surface, motion, sigma, found.symmetries)?;
+        located.chosen.search_mm = Some(found.cell_mm);
+        located.chosen.normals_mm = Some(scene::NORMALS * found.cell_mm);
+        Ok(located)
     }
 
     /// From a pose that is about right.
@@ -179,7 +196,7 @@ impl LocaliseTask<'_> {
         let certainty = if kernel == Kernel::None {
             certainty
         } else {
-            self.sized(surface, &settled.motion, sigma, certainty)
+            self.sized(surface, &settled.motion, sigma, certainty).0
         };
         let on = on_part.iter().map(|&i| (i, measured[i].distance_mm));
         let mut located =
@@ -203,8 +220,8 @@ impl LocaliseTask<'_> {
         Ok(located)
     }
 
-    /// The end of a search or of a refinement, which have used some thousands of points: now the fit is to all on the
-    /// part, or to [`MANY`] of them, and the covariance is that of the points fitted to.
+    /// The end of a search or of a refinement. A pose that lies on few of the points of the part, and the rest of them for
+    /// strays, is seen by the size: another pose of the right size explains more. The end is begun anew from there then.
     fn finish(
         &self,
         surface: &CompositeSurface,
@@ -212,6 +229,28 @@ impl LocaliseTask<'_> {
         sigma: f64,
         symmetries: Vec<SymmetryAxis>,
     ) -> Result<Located, ScanError> {
+        let (first, better) = self.finish_from(surface, motion, sigma, symmetries.clone())?;
+        let Some(better) = better else {
+            return Ok(first);
+        };
+        match self.finish_from(surface, &better, sigma, symmetries) {
+            Ok((again, _)) if again.n_used > first.n_used && again.sigma_mm <= WORSE * sigma => {
+                Ok(again)
+            }
+            _ => Ok(first),
+        }
+    }
+
+    /// The search, or a refinement, has used some thousands of points: now the fit is to all on the part, or to [`MANY`] of
+    /// them, and the covariance is that of the points fitted to. With the pose that explains more by its size, if there is
+    /// one.
+    fn finish_from(
+        &self,
+        surface: &CompositeSurface,
+        motion: &Pose,
+        sigma: f64,
+        symmetries: Vec<SymmetryAxis>,
+    ) -> Result<(Located, Option<Pose>), ScanError> {
         // What is farther than this cannot come onto the part any more.
         let reach = 10.0 * sigma;
         let about = self.within(surface, motion, 2.0 * reach);
@@ -238,11 +277,11 @@ impl LocaliseTask<'_> {
         }
         // The noise of all of them, where so far it was that of some; not so much more that it asks for what was not measured.
         let floor = self.model.diagonal_mm() * 1e-7;
-        let sigma = fit::noise(&there, limit).max(floor).min(sigma * 1.1);
+        let sigma = fit::noise(&there, limit).max(floor).min(sigma * WORSE);
         let on_part = near(&there, fit::INLIER * sigma);
         let certainty = uncertainty::certainty(&kept, &there, &on_part, &motion, sigma, groups)
             .widened(spread(&kept, &there, &on_part, sigma, groups));
-        let certainty = self.sized(surface, &motion, sigma, certainty);
+        let (certainty, better) = self.sized(surface, &motion, sigma, certainty);
         let on: Vec<(usize, f64)> = if kept.len() == places.len() {
             let on_part = on_part.iter();
             let at = |k: usize| (about[fitted[k]], there[k].distance_mm);
@@ -254,7 +293,10 @@ impl LocaliseTask<'_> {
             let on = near(&measured, limit).into_iter();
             on.map(|k| (about[k], measured[k].distance_mm)).collect()
         };
-        self.judged(&motion, sigma, certainty, on, symmetries)
+        let mut located = self.judged(&motion, sigma, certainty, on, symmetries)?;
+        located.chosen.reach_mm = Some(limit);
+        located.chosen.enough_mm = Some(fit::ENOUGH * limit);
+        Ok((located, better))
     }
 
     /// The points in the part's box, widened by `limit` mm.
@@ -295,6 +337,7 @@ impl LocaliseTask<'_> {
             certainty,
             symmetries,
             on,
+            chosen: Chosen::default(),
             reasons: Vec::new(),
         };
         located.reasons = verdict_reasons(
@@ -397,11 +440,18 @@ fn verdict_reasons(
                 "; {more} of the points about the {what} lie on it by that size alone, and the pose is not of them"
             ),
         };
+        let face = match what {
+            "part" => {
+                ", or a face that is off all over, by wear or stock: where one of two opposite faces was not scanned, or the \
+                 noise is as large, these look alike"
+            }
+            _ => "",
+        };
         reasons.push(ScanError::refused(
             "scale",
             format_args!(
                 "the scan is {:.6} times as large as it should be ({off_ppm:+.0} ppm, limit {scale_limit_ppm} ppm){more}: \
-                 shrinkage, temperature, wear that grows along the part, or the scanner's calibration",
+                 shrinkage, temperature, the scanner's calibration{face}",
                 c.scale
             ),
         ));

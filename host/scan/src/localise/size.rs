@@ -29,6 +29,8 @@ const LAST: usize = 8;
 const MORE: f64 = 0.005;
 const CHANCE: f64 = 1.0;
 const LEAST: f64 = 10.0;
+/// A size is right within so many times its own doubt.
+const SURE: f64 = 4.0;
 /// What keeps a motion still that nothing holds, over what holds all.
 const STILL: f64 = 1e-9;
 
@@ -50,9 +52,9 @@ impl LocaliseTask<'_> {
         motion: &Pose,
         sigma: f64,
         six: Certainty,
-    ) -> Certainty {
+    ) -> (Certainty, Option<Pose>) {
         if !six.free.is_empty() {
-            return six;
+            return (six, None);
         }
         let diagonal = self.model.diagonal_mm();
         let widest = (REACHES[0] * diagonal).max(10.0 * sigma);
@@ -88,14 +90,14 @@ impl LocaliseTask<'_> {
             }
         }
         let Some(best) = best else {
-            return six;
+            return (six, None);
         };
         let all = before as f64;
         let least = (MORE * all).max(CHANCE * all.sqrt()).max(LEAST);
         let more = best.on.saturating_sub(before);
         let is_more = more as f64 > least;
         if !is_more && (best.noise_mm > sigma || best.on < before) {
-            return six;
+            return (six, None);
         }
         let shrunk = shrunk(&points, &six.about_mm, best.scale);
         let reach = fit::INLIER * best.noise_mm;
@@ -105,14 +107,14 @@ impl LocaliseTask<'_> {
         let seven = uncertainty::certainty(&shrunk, &there, &on, &best.motion, noise, groups)
             .widened(spread(&shrunk, &there, &on, noise, groups));
         if !seven.free.is_empty() {
-            return six;
+            return (six, None);
         }
         // What was made smaller by s, and is s' too large then, is too large by both.
         let scale = best.scale * seven.scale;
         let u_scale = seven.u_scale;
         // Of what both explain, more points say more.
         if !is_more && (scale - six.scale).abs() <= 3.0 * u_scale {
-            return six;
+            return (six, None);
         }
         let sized = Certainty {
             scale,
@@ -121,7 +123,7 @@ impl LocaliseTask<'_> {
             ..six
         };
         if !sized.is_off_size() {
-            return sized;
+            return (sized, None);
         }
         let off = self
             .model
@@ -132,7 +134,9 @@ impl LocaliseTask<'_> {
                 (image - motion.point(p)).norm()
             })
             .fold(0.0, f64::max);
-        sized.off_by(off)
+        // By a size that is right, more points are a better pose.
+        let is_right = (scale - 1.0).abs() <= SURE * u_scale;
+        (sized.off_by(off), is_right.then_some(best.motion))
     }
 
     /// Pose and size by the points within `reach` mm, which narrows to what the noise leaves. `on` counts what lies within

@@ -361,6 +361,48 @@ fn one_view_of_little_noise_tells_its_size() {
     assert!(clean == 6 && 2 * told > all, "{told} of {all} told");
 }
 
+/// A face that is worn by 0.3 mm all over, of a part of 120 mm: what is said of it, by how much of the part is seen.
+#[test]
+#[ignore = "figures of tests/bench/LOCALISE.md"]
+fn a_face_that_is_worn_all_over() {
+    const WORN_MM: f64 = 0.3;
+    let mut random = Random(51);
+    for (name, model) in [("bracket", bracket()), ("L", square(90.0))] {
+        for noise in [0.005, 0.02, 0.1] {
+            for seen in [-2.0, 0.1] {
+                let mut said = std::collections::BTreeMap::<String, usize>::new();
+                let mut worst: f64 = 0.0;
+                for side in 0..6 {
+                    let mut worn = Vec3::zeros();
+                    worn[side / 2] = if side % 2 == 0 { 1.0 } else { -1.0 };
+                    let eye = (worn * 0.8 + random.vector() * 0.4).normalize();
+                    let pose = random.pose();
+                    let mut points = scan(&model, 4000, noise, &pose, &mut random, |n| {
+                        n.dot(&eye) > seen
+                    });
+                    for q in &mut points {
+                        let face = model.near(&pose.undo(q)).face;
+                        if model.triangles()[face].normal.dot(&worn) > 0.99 {
+                            *q -= pose.rotation * worn * WORN_MM;
+                        }
+                    }
+                    let what = match task(&model, &points).find() {
+                        Err(error) => error.code.to_owned(),
+                        Ok(found) if found.reasons.is_empty() => {
+                            worst = worst.max(found.motion.apart_mm(&pose, &model.corners()));
+                            "OK".to_owned()
+                        }
+                        Ok(found) => format!("NG {}", found.reasons[0].code),
+                    };
+                    *said.entry(what).or_default() += 1;
+                }
+                let how = if seen < 0.0 { "all around" } else { "one view" };
+                println!("{name}, {noise} mm, {how}: {said:?}, at OK {worst:.3} mm off at most");
+            }
+        }
+    }
+}
+
 /// A block with a pin is nearly its own mirror image. Where the search misses the part and finds the mirror image, which fits
 /// but for the pin, the part is found there; a left hand for a right one stays refused.
 #[test]

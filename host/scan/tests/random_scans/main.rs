@@ -1,7 +1,8 @@
 //! Random scans of eight parts: no wrong pose with verdict OK, neither of the part that was scanned nor of another one.
 //!
 //! The long form, with its figures in `tests/bench/LOCALISE.md`: `cargo test --release -p umi-scan --test random_scans --
-//! --ignored --nocapture`. The scans are numbered from 0; `UMI_RANDOM_SCANS` says how many, a thousand without it.
+//! --ignored --nocapture`. The scans are numbered from 0; `UMI_RANDOM_SCANS` says how many, a thousand without it, and
+//! `UMI_RANDOM_SCANS_FROM` from which one on: a run that is cut into pieces adds up. What is wrong is told as it comes.
 
 mod parts;
 mod scans;
@@ -73,17 +74,39 @@ impl Tally {
             found.motion.apart_mm(&pose, &part.mesh.corners())
         });
         let ok = found.reasons.is_empty();
+        if !ok {
+            let codes: Vec<&str> = found.reasons.iter().map(|r| r.code).collect();
+            println!(
+                "  scan {number}, {}: {off_mm:.3} mm off, NG {codes:?}; {}",
+                part.name, scan.faults
+            );
+        }
         if off_mm < RIGHT_MM {
             self.count(if ok { "right" } else { "right, NG" });
         } else if !ok {
             self.count("wrong, NG");
         } else {
-            self.count("WRONG");
-            self.wrong.push(format!(
-                "scan {number}, {}: {off_mm:.2} mm off; {}",
-                part.name, scan.faults
+            let corners = part.mesh.corners();
+            let doubt = |p| found.certainty.at(&found.motion, p).trace().sqrt();
+            let u_mm = corners.iter().map(doubt).fold(0.0, f64::max);
+            self.wrong(format!(
+                "scan {number}, {}: {off_mm:.2} mm off, stated {u_mm:.3} mm; noise {:.3} mm, {} points, {:.0} % shown, scale \
+                 {:.5} ± {:.5}; {}",
+                part.name,
+                found.sigma_mm,
+                found.n_used,
+                100.0 * found.overlap,
+                found.certainty.scale,
+                found.certainty.u_scale,
+                scan.faults
             ));
         }
+    }
+
+    fn wrong(&mut self, what: String) {
+        println!("WRONG: {what}");
+        self.count("WRONG");
+        self.wrong.push(what);
     }
 
     /// What is said of a scan of one part where another one is sought.
@@ -91,13 +114,10 @@ impl Tally {
         match located(&model.mesh, &scan.points) {
             Err(refused) => self.count(refused.code),
             Ok(found) if !found.reasons.is_empty() => self.count("NG"),
-            Ok(found) => {
-                self.count("WRONG");
-                self.wrong.push(format!(
-                    "scan {number}: the {} in a scan of the {}, {} points; {}",
-                    model.name, part.name, found.n_used, scan.faults
-                ));
-            }
+            Ok(found) => self.wrong(format!(
+                "scan {number}: the {} in a scan of the {}, {} points; {}",
+                model.name, part.name, found.n_used, scan.faults
+            )),
         }
     }
 
@@ -111,8 +131,11 @@ impl Tally {
     }
 }
 
-fn how_many(otherwise: u64) -> u64 {
-    std::env::var("UMI_RANDOM_SCANS").map_or(otherwise, |n| n.parse().unwrap())
+/// The numbers of the long form: so many without being told.
+fn numbers(otherwise: u64) -> std::ops::Range<u64> {
+    let told = |name, otherwise| std::env::var(name).map_or(otherwise, |n| n.parse().unwrap());
+    let from = told("UMI_RANDOM_SCANS_FROM", 0);
+    from..from + told("UMI_RANDOM_SCANS", otherwise)
 }
 
 fn campaign(parts: &[Part], numbers: std::ops::Range<u64>) -> Tally {
@@ -153,6 +176,15 @@ fn a_part_is_found_or_refused_and_never_put_in_a_wrong_place() {
     );
 }
 
+/// One view and 43 % of stray points: a pose 2.5 mm off lay on few of the part's points and took the rest for strays. That
+/// more lie on it elsewhere had widened its doubt only.
+#[test]
+fn a_pose_on_few_of_the_points_is_left_for_the_one_that_explains_more() {
+    let tally = campaign(&parts(), 320..321);
+    tally.end("scan 320");
+    assert_eq!(tally.said.get("right"), Some(&1), "{:?}", tally.said);
+}
+
 #[test]
 fn a_part_that_was_not_scanned_is_refused() {
     foreign(&parts(), 0..8, 1).end("8 scans, another part sought");
@@ -176,14 +208,14 @@ fn a_part_on_the_same_base_is_refused() {
 #[test]
 #[ignore = "an hour of one core"]
 fn a_thousand_random_scans() {
-    let count = how_many(1000);
-    let tally = campaign(&parts(), 0..count);
-    tally.end(&format!("{count} scans"));
+    let numbers = numbers(1000);
+    campaign(&parts(), numbers.clone()).end(&format!("scans {numbers:?}"));
 }
 
 #[test]
 #[ignore = "an hour of one core"]
 fn scans_with_every_foreign_part() {
-    let count = how_many(160);
-    foreign(&parts(), 0..count, 8).end(&format!("{count} scans, every other part sought"));
+    let numbers = numbers(160);
+    let what = format!("scans {numbers:?}, every other part sought");
+    foreign(&parts(), numbers, 8).end(&what);
 }

@@ -5,7 +5,7 @@ use nalgebra::Matrix6;
 use super::super::fit::{self, INLIER};
 use super::super::search::scene;
 use super::super::uncertainty::{Group, Groups, certainty, turning};
-use super::super::{Located, degenerate, verdict_reasons};
+use super::super::{Chosen, Located, degenerate, verdict_reasons};
 use super::adjust::Seen;
 use super::balls::radius_seen;
 use super::own::{self, Own};
@@ -303,6 +303,7 @@ pub(super) fn finish(
         certainty: sure,
         symmetries,
         on: on.iter().map(|&i| (i, measured[i].distance_mm)).collect(),
+        chosen: Chosen::default(),
         reasons: Vec::new(),
     };
     let (low, high) = crate::surface::bounds(points.iter());

@@ -16,6 +16,8 @@ pub(in crate::localise) struct Scene {
     pub fine: Vec<Vec3>,
     /// The noise along the normals by the flatness of neighbourhoods, in mm.
     pub noise_mm: f64,
+    /// Edge of the cubes of which one point each is searched with, in mm.
+    pub cell_mm: f64,
     /// The points to search with, by place.
     pub tree: PointTree,
 }
@@ -24,6 +26,8 @@ pub(in crate::localise) struct Scene {
 const FINE: usize = 40_000;
 /// Points to search with at most.
 const PLACES: usize = 12_000;
+/// A normal is that of the points so many cubes' edges around.
+pub(in crate::localise) const NORMALS: f64 = 1.6;
 
 /// The edge of a search's cubes: a part's area is some 1500 of them.
 pub(in crate::localise) fn cell_mm(mesh: &Mesh) -> f64 {
@@ -43,7 +47,7 @@ impl Scene {
             cell *= 1.3;
             coarse = thin(&coarse, cell, threads);
         }
-        let (places, noise_mm) = orient(&coarse, &fine, 1.6 * cell, NEIGHBOURS, threads);
+        let (places, noise_mm) = orient(&coarse, &fine, NORMALS * cell, NEIGHBOURS, threads);
         let fine = spread(fine.len(), FINE)
             .into_iter()
             .map(|i| fine[i])
@@ -53,6 +57,7 @@ impl Scene {
             places,
             fine,
             noise_mm,
+            cell_mm: cell,
         }
     }
 
@@ -80,6 +85,7 @@ impl Scene {
             places,
             fine: self.fine.iter().map(turn).collect(),
             noise_mm: self.noise_mm,
+            cell_mm: self.cell_mm,
         }
     }
 }

@@ -42,9 +42,10 @@ impl Judge<'_> {
                     return Ok(Decided {
                         fit: best,
                         symmetries: Vec::new(),
+                        cell_mm: scene.cell_mm,
                     });
                 }
-                Rivals::Equal(axes, equal) => return self.alike(&best, axes, &equal),
+                Rivals::Equal(axes, equal) => return self.alike(scene, &best, axes, &equal),
                 Rivals::Better(better) => best = better,
             }
         }
@@ -243,6 +244,7 @@ impl Judge<'_> {
 
     fn alike(
         &self,
+        scene: &Scene,
         best: &Fit,
         axes: Vec<SymmetryAxis>,
         equal: &[Pose],
@@ -251,6 +253,7 @@ impl Judge<'_> {
             return Ok(Decided {
                 fit: best.clone(),
                 symmetries: axes,
+                cell_mm: scene.cell_mm,
             });
         }
         let poses: Vec<Pose> = std::iter::once(&best.motion)

@@ -4,7 +4,7 @@
 //! outvote it: its points are off the part, so neither the fit nor its uncertainty sees them.
 
 use super::account::Account;
-use super::rivals::{advantage, explained};
+use super::rivals::{advantage, explained, off, on};
 use super::{Judge, Worth, count};
 use crate::ScanError;
 use crate::localise::fit::{self, Fit};
@@ -13,7 +13,7 @@ use crate::localise::search::pairs::spread;
 use crate::localise::search::scene::{Scene, cell_mm};
 use crate::localise::uncertainty::Groups;
 use crate::localise::{LocaliseTask, Located, misfits};
-use crate::rigid::Vec3;
+use crate::rigid::{Pose, Vec3};
 use crate::solve::measure_within;
 use crate::surface::CompositeSurface;
 
@@ -90,7 +90,8 @@ fn agree(
     let most = shares.iter().copied().fold(0.0, f64::max);
     if scans.len() > 1 {
         for (k, scan) in scans.iter().enumerate() {
-            if let Some(off_mm) = judge.off(&scenes[k], k, located, shares[k] < LIKE * most) {
+            let far = (shares[k] < LIKE * most).then_some(&scan.on_fiducials[..]);
+            if let Some(off_mm) = judge.off(&scenes[k], k, located, far) {
                 return Err(disagree(scan.name, off_mm));
             }
         }
@@ -99,14 +100,26 @@ fn agree(
 }
 
 impl Judge<'_> {
-    /// How far from the common pose the scan `k` puts the part, if it contradicts it. `far`: whether it is sought everywhere.
-    fn off(&self, scene: &Scene, k: usize, located: &Located, far: bool) -> Option<f64> {
+    /// How far from the common pose the scan `k` puts the part, if it contradicts it. `far`: it is sought everywhere, and
+    /// these points stand in the scanner's way besides.
+    ///
+    /// Where a side goes on beyond its edges, its points count for no pose: a bar that slides along itself comes onto the
+    /// chuck behind its end, and lies on a larger body with more points than the scan has of the bar. Nor does a pose
+    /// contradict that would be no place of the part by this scan alone.
+    fn off(&self, scene: &Scene, k: usize, located: &Located, far: Option<&[Vec3]>) -> Option<f64> {
         let threads = self.task.threads;
         let (common, sigma) = (&located.motion, located.sigma_mm);
-        let of = |fit: &Fit| explained(self.part(), &scene.fine, &fit.motion, sigma, threads);
-        let here = explained(self.part(), &scene.fine, common, sigma, threads);
+        let of = |motion: &Pose| {
+            let passed = self.passed(scene, motion);
+            let standing = off(self.part(), &scene.fine, motion, sigma, threads);
+            let is_own = |face: u32| !passed.contains(&self.prepared.sides[face as usize]);
+            let points = standing.off.iter().zip(standing.face);
+            let own = points.map(|(off, face)| on(*off) && is_own(face));
+            own.collect::<Vec<bool>>()
+        };
+        let here = of(common);
         let speaks = |fit: &Fit| {
-            let there = of(fit);
+            let there = of(&fit.motion);
             let (more, chance) = advantage(&there, &here);
             (more > chance + MORE * count(&there) as f64).then_some(there)
         };
@@ -133,14 +146,14 @@ impl Judge<'_> {
                 return Some(apart(&fit));
             }
         }
-        if !far {
-            return None;
-        }
+        let before = thin(far?, cell_mm(self.task.model), threads);
         let fits = self.fits(scene, None);
         let elsewhere = fits.iter().find(|fit| {
             apart(fit) > reach
                 && matches!(self.worth(scene, fit), Worth::Good)
                 && speaks(fit).is_some()
+                && (self.is_surely(scene, fit)
+                    || self.account(scene, fit, &before).0.judged().is_ok())
         });
         elsewhere.map(apart)
     }
@@ -190,7 +203,7 @@ mod tests {
     use crate::localise::scans::{ScanAnswer, ScanQuestion, TakenScan};
     use crate::localise::tests::{Random, bracket, scan};
     use crate::parallel::Threads;
-    use crate::rigid::{Pose, rotation};
+    use crate::rigid::rotation;
     use crate::surface::Mesh;
 
     const BALLS: [[f64; 3]; 4] = [

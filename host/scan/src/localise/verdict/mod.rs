@@ -33,6 +33,8 @@ use crate::surface::CompositeSurface;
 pub(super) struct Decided {
     pub fit: Fit,
     pub symmetries: Vec<SymmetryAxis>,
+    /// As [`Scene::cell_mm`] of the scan.
+    pub cell_mm: f64,
 }
 
 /// Poses that the search proposes, and those of them that are settled with few points, and refined.

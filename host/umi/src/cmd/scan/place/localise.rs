@@ -108,6 +108,11 @@ Examples:
   umi scan localise scan.ply --fiducials table.toml --part part.stl
   umi scan localise --scans turned.toml --fiducials table.toml --part part.stl
 
+The pose is that of the faces that were scanned. A face that is worn or has stock all over
+puts the part off by as much where no other face holds that direction, with verdict OK;
+where others do, it can look as another scale (NG scale). Nothing in the scan tells them
+apart: scan the opposite faces, too. The scale is estimated and not applied.
+
 Fiducials are balls, cones (apex at the origin, opening to -Z) and reference surfaces of
 any shape; where they stand, and how sure, is in their file:
   [[fiducial]]
@@ -195,7 +200,7 @@ impl Localise {
         if let Some(path) = &self.report {
             std::fs::write(
                 path,
-                report::html(self.what(), &found.answer, &found.corners),
+                report::html(self.what(), &found.answer, &found.corners, Vec::new()),
             )
             .map_err(|error| failure(ScanError::file("write", path, &error)))?;
         }

@@ -5,8 +5,9 @@ use umi_report::pages::scan::{FigureTable, PlacedPage, html as page};
 use umi_scan::localise::scans::ScanAnswer;
 use umi_scan::rigid::Vec3;
 
-/// The page on an answer; `what` the pose is of, and the corners at which it is said how sure that is.
-pub fn html(what: &str, answer: &ScanAnswer, corners: &[Vec3]) -> String {
+/// The page on an answer; `what` the pose is of, the corners at which it is said how sure that is, and tables behind those of
+/// the answer.
+pub fn html(what: &str, answer: &ScanAnswer, corners: &[Vec3], more: Vec<FigureTable>) -> String {
     let located = &answer.located;
     let ok = located.reasons.is_empty();
     let t = located.motion.translation_mm;
@@ -109,7 +110,10 @@ pub fn html(what: &str, answer: &ScanAnswer, corners: &[Vec3]) -> String {
         ok,
         reasons: located.reasons.iter().map(|r| r.message.clone()).collect(),
         facts,
-        tables: vec![fiducials, corners, scans],
+        tables: [fiducials, corners, scans]
+            .into_iter()
+            .chain(more)
+            .collect(),
         points: answer
             .deviations
             .iter()

@@ -85,6 +85,8 @@ too little stock, the verdict is NG: a pit can be that narrow. What is apart fro
 rest of the scan and stands off by 2.5 times the stock of the rest and 3 % of the part's
 size, as a wall behind it may, is left out, too, with a warning: it shows no face. Where
 it is the raw part's own, scan what lies between, or say --apart.
+A wall or a jaw that is nearer looks as a raw face would, and counts as one: nothing in
+the points tells them apart. Scan every face, and crop what is not the raw part.
 
 Examples:
   umi scan stock part.stl raw.ply
