@@ -279,6 +279,16 @@ impl PlanMachine {
         self.table_at(angles).rotation * direction
     }
 
+    /// The part in the machine, at these angles (table, head, S).
+    pub(super) fn part_in_machine(&self, angles: &[f64]) -> Pose {
+        self.table_at(angles)
+    }
+
+    /// The sensor's frame (line, -feed, -beam) from X Y Z, at these angles.
+    pub(super) fn sensor_on_carriage(&self, angles: &[f64]) -> Pose {
+        self.head_at(angles)
+    }
+
     /// Do all values lie within the limits, by a billionth at most?
     pub fn within_limits(&self, axes: &[f64]) -> bool {
         axes.iter()

@@ -8,7 +8,8 @@ use super::super::spec::ScanSpec;
 use super::deadline::Deadline;
 use super::price::{LinkEnd, RAPID_MM_PER_S, price, seconds, tip};
 use super::realise::Pass;
-use super::winding::wound;
+
+pub use super::winding::wound;
 
 /// Pairs of passes looked at from all starts together.
 const MOST_PAIRS: usize = 4_000_000;
@@ -280,8 +281,11 @@ impl Links {
     }
 }
 
-/// Orders the passes, each by one of its ways and in one of both senses; once it is late, they stay as they are.
-pub fn order(spec: &ScanSpec, ways: Vec<Vec<Pass>>, deadline: Deadline) -> Vec<Pass> {
+/// Passes in their order, each with all ways to drive it.
+pub type Tour = Vec<Vec<Pass>>;
+
+/// Orders the passes, whatever the way and the sense each is driven by; once it is late, they stay as they are.
+pub fn order(spec: &ScanSpec, ways: Vec<Vec<Pass>>, deadline: Deadline) -> Tour {
     let count = ways.len();
     let slices: Vec<&[Pass]> = ways.iter().map(Vec::as_slice).collect();
     let links = Links::new(spec, &slices);
@@ -310,10 +314,8 @@ pub fn order(spec: &ScanSpec, ways: Vec<Vec<Pass>>, deadline: Deadline) -> Vec<P
             best.map(|(_, tour)| tour).unwrap_or_default()
         }
     };
-    wound(
-        spec,
-        &tour.iter().map(|v| slices[v.pass]).collect::<Vec<_>>(),
-    )
+    let mut ways: Vec<Option<Vec<Pass>>> = ways.into_iter().map(Some).collect();
+    tour.iter().filter_map(|v| ways[v.pass].take()).collect()
 }
 
 /// Feed with the laser on beside which turning is slow, mm/s.

@@ -26,6 +26,8 @@ pub struct Obstructed {
     pub collision: Vec<Vector3<f64>>,
     /// Breaks of courses, where the axes would have to turn too far in a step.
     pub breaks: usize,
+    /// Passes that touch nothing where they lie, and that no way leads to.
+    pub unlinked: usize,
 }
 
 impl Obstructed {
@@ -34,6 +36,7 @@ impl Obstructed {
         self.axis_limit.extend(other.axis_limit);
         self.collision.extend(other.collision);
         self.breaks += other.breaks;
+        self.unlinked += other.unlinked;
     }
 }
 

@@ -79,21 +79,31 @@ fn turned_ways(spec: &ScanSpec, ways: &[Pass]) -> Vec<Turned> {
 
 /// The passes in the tour's order, each by that of its ways, that sense and those whole turns with which all links together
 /// cost the least. An order is sought as if an axis that turns on and on were always the shorter way round; here its limits
-/// count.
-pub(super) fn wound(spec: &ScanSpec, tour: &[&[Pass]]) -> Vec<Pass> {
+/// count. `end_serves`: may the path begin and end at such axis values? Where it can, it begins and ends at those.
+pub fn wound(
+    spec: &ScanSpec,
+    tour: &[Vec<Pass>],
+    end_serves: impl Fn(&[f64]) -> bool,
+) -> Vec<Pass> {
     let stages: Vec<Vec<Turned>> = tour.iter().map(|ways| turned_ways(spec, ways)).collect();
+    let serves = |end: &LinkEnd| if end_serves(&end.axes) { 0.0 } else { NO_END_S };
     // Of each way of each stage: the least cost up to it, and the way before.
     let mut costs: Vec<Vec<(f64, usize)>> = Vec::with_capacity(stages.len());
     for (k, stage) in stages.iter().enumerate() {
         let here = stage.iter().map(|to| {
+            let last = k + 1 == stages.len();
+            let leaving = if last { serves(&to.ends[1]) } else { 0.0 };
             // From where the axes stand near zero, where nothing else decides.
             let far: f64 = to.ends[0].axes[3..].iter().map(|a| a.abs()).sum();
             let Some(before) = k.checked_sub(1) else {
-                return (NEAR_ZERO * far, 0);
+                return (NEAR_ZERO * far + serves(&to.ends[0]) + leaving, 0);
             };
             let pairs = stages[before].iter().zip(&costs[before]).enumerate();
             pairs
-                .map(|(j, (from, (cost, _)))| (cost + price(&from.ends[1], &to.ends[0], &[]), j))
+                .map(|(j, (from, (cost, _)))| {
+                    let link = price(&from.ends[1], &to.ends[0], &[]);
+                    (cost + link + leaving, j)
+                })
                 .fold((f64::INFINITY, 0), |best, found| {
                     // The first of those that are as good but for rounding.
                     if found.0 < best.0 - 1e-9 { found } else { best }
@@ -114,7 +124,7 @@ pub(super) fn wound(spec: &ScanSpec, tour: &[&[Pass]]) -> Vec<Pass> {
         at = Some(costs[k].1);
     }
     chosen.reverse();
-    let driven = |(ways, turned): (&&[Pass], &&Turned)| {
+    let driven = |(ways, turned): (&Vec<Pass>, &&Turned)| {
         let mut pass = ways[turned.way].clone();
         if turned.backwards {
             pass.reverse();
@@ -133,6 +143,9 @@ pub(super) fn wound(spec: &ScanSpec, tour: &[&[Pass]]) -> Vec<Pass> {
     };
     tour.iter().zip(&chosen).map(driven).collect()
 }
+
+/// Seconds that an end costs at which the path should not begin or end: more than any way around.
+const NO_END_S: f64 = 1e5;
 
 /// Seconds that a degree away from zero costs at the beginning: next to nothing.
 const NEAR_ZERO: f64 = 1e-6;

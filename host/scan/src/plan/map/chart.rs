@@ -1,7 +1,8 @@
 //! Charts: pieces of the surface that a row of passes can cover.
 //!
 //! A sensor cannot turn about a sharp edge within a step, so charts end there. A piece that closes upon itself or folds
-//! over in its map is parted by the direction of its normals, which costs the fewest cuts across gentle curvature.
+//! over in its map is parted by the direction of its normals, which costs the fewest cuts across gentle curvature; one whose
+//! map lies over itself, as that of a ramp that winds up, is halved.
 
 use nalgebra::Vector3;
 
@@ -111,7 +112,15 @@ fn part_piece(part: &PartMesh, piece: Vec<u32>, parted: &mut [bool]) -> Vec<Char
         let map = FlatMap::new(part, &piece);
         let q = map.quality;
         if q.flips == 0 && q.scale_max < SCALE_RATIO * q.scale_min && !wraps(part, &piece) {
-            return vec![Chart::new(part, piece, map)];
+            if !map.lies_over_itself() {
+                return vec![Chart::new(part, piece, map)];
+            }
+            if let Some(halves) = halves(part, &piece, parted) {
+                let parts = halves
+                    .into_iter()
+                    .map(|half| part_piece(part, half, parted));
+                return parts.flatten().collect();
+            }
         }
     }
     caps(part, piece, parted)
@@ -122,6 +131,43 @@ fn part_piece(part: &PartMesh, piece: Vec<u32>, parted: &mut [bool]) -> Vec<Char
         })
         .collect()
 }
+
+/// A piece parted across its longest way, by the number of edges from one of its ends; none where it is hardly larger than
+/// what is left of it, or cannot be parted so. `taken`: all true, before and after.
+fn halves(part: &PartMesh, piece: &[u32], taken: &mut [bool]) -> Option<Vec<Vec<u32>>> {
+    if piece.len() < LEAST_HALVED {
+        return None;
+    }
+    let mut from = |start: u32| {
+        for &f in piece {
+            taken[f as usize] = false;
+        }
+        // In the order of the edges between.
+        grow(part, taken, start as usize, |_, _| true)
+    };
+    let middle = from(*piece.first()?);
+    let order = from(*middle.last()?);
+    let whole = order.len() == piece.len();
+    for &f in piece {
+        taken[f as usize] = !whole;
+    }
+    if !whole {
+        return None;
+    }
+    let near: std::collections::HashSet<u32> = order[..order.len() / 2].iter().copied().collect();
+    let mut halves = Vec::new();
+    for &start in &order {
+        if !taken[start as usize] {
+            let first = near.contains(&start);
+            let same = |_: usize, g: usize| near.contains(&(g as u32)) == first;
+            halves.push(grow(part, taken, start as usize, same));
+        }
+    }
+    Some(halves)
+}
+
+/// A piece of fewer triangles is not halved.
+const LEAST_HALVED: usize = 8;
 
 /// Do the normals point all around, so that a map without flips may still lie over itself?
 fn wraps(part: &PartMesh, piece: &[u32]) -> bool {

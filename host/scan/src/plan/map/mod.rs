@@ -2,9 +2,11 @@
 //!
 //! * [`chart`]: pieces without sharp edges that do not fold over.
 //! * [`flatten`]: least squares conformal map with a free border, and how true it is.
+//! * `overlap`: whether a map lies over itself.
 
 pub mod chart;
 pub mod flatten;
+mod overlap;
 
 pub use chart::Chart;
 pub use flatten::FlatMap;

@@ -272,6 +272,23 @@ impl PartMesh {
         self.surface.triangles()[face].normal
     }
 
+    /// Is the mesh closed, and do its triangles look inwards, those of every piece?
+    pub fn inside_out(&self) -> bool {
+        if self.neighbours.iter().flatten().any(|n| *n == BORDER) {
+            return false;
+        }
+        // Of each piece, six times what it encloses, positive where its triangles look out of it.
+        let mut volumes = vec![0.0; self.components as usize];
+        let near = self.vertices.first().copied().unwrap_or_default();
+        for (k, component) in self.component.iter().enumerate() {
+            let [a, b, c] = self.corners(k).map(|p| p - near);
+            if let Some(volume) = volumes.get_mut(*component as usize) {
+                *volume += a.dot(&b.cross(&c));
+            }
+        }
+        !volumes.is_empty() && volumes.iter().all(|v| *v < 0.0)
+    }
+
     /// The area of a triangle.
     pub fn area_mm2(&self, face: usize) -> f64 {
         self.surface.triangles()[face].area_mm2

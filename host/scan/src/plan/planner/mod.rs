@@ -2,6 +2,7 @@
 //!
 //! * [`chart_passes`]: the passes of one chart, the best of several directions.
 //! * [`fill`]: short passes for what is left.
+//! * `join`: links between passes, and ways from safety and back.
 //! * `limits`: steps and turns, within those allowed, with which it is planned.
 //! * [`reach`]: what the axes can point the beam at.
 //! * [`result`]: the path's rows and figures.
@@ -12,6 +13,7 @@
 
 pub mod chart_passes;
 pub mod fill;
+mod join;
 mod limits;
 pub mod reach;
 pub mod result;
@@ -25,7 +27,6 @@ use std::time::{Duration, Instant};
 
 use super::drive::axes::Driver;
 use super::drive::deadline::Deadline;
-use super::drive::links::link;
 use super::drive::order::order;
 use super::drive::realise::{Obstructed, Pass, Realiser, shortest_mm};
 use super::drive::touch::Scenery;
@@ -33,13 +34,13 @@ use super::map::{Chart, chart::charts};
 use super::mesh::PartMesh;
 use super::proof::figures::OverlapPoints;
 use super::proof::on_machine::OnMachine;
-use super::proof::row::PathRow;
 use super::proof::samples::{SamplePoint, sample_count, samples};
 use super::proof::see::Eye;
 use super::spec::ScanSpec;
 use crate::ScanError;
 use crate::parallel::Threads;
 use crate::surface::Mesh;
+use join::join;
 use result::ScanPlan;
 use ways::ways;
 
@@ -116,6 +117,25 @@ fn crumbs(part: &PartMesh) -> String {
     }
 }
 
+/// A part is no wider than so many lines: what is wider is a slip of units.
+const MOST_LINES_ACROSS: f64 = 5000.0;
+
+/// Less than this share of the line that is measured is said where the time does not suffice.
+const SHORT_LINE: f64 = 0.5;
+
+/// What is said of a line of which `max_incidence_deg` leaves little on a surface that is seen straight on.
+fn short_line(spec: &ScanSpec) -> String {
+    let sensor = &spec.sensor;
+    let left_mm = 2.0 * sensor.reference_mm * sensor.max_incidence_deg.to_radians().tan();
+    if left_mm >= SHORT_LINE * sensor.line_mm {
+        return String::new();
+    }
+    format!(
+        " Of the line's {} mm, max_incidence_deg of {} leaves {left_mm:.1} mm on a surface that is seen straight on: passes lie that close.",
+        sensor.line_mm, sensor.max_incidence_deg
+    )
+}
+
 /// Plans a path and proves it.
 ///
 /// # Errors
@@ -159,15 +179,25 @@ fn plan_there(
 ) -> Result<ScanPlan, ScanError> {
     let late = |mut error: ScanError| {
         error.message += &crumbs(part);
+        error.message += &short_line(spec);
         error
     };
+    let all: Vec<u32> = (0..part.faces.len() as u32).collect();
+    let across_mm = part.across_mm(&all);
+    if across_mm > MOST_LINES_ACROSS * spec.sensor.line_mm {
+        return Err(ScanError::refused(
+            "sensor_spec",
+            format_args!(
+                "[sensor] line_mm is {}, and the part is {across_mm:.1} mm across: more than {MOST_LINES_ACROSS} passes would lie side by side. Are both in millimetres?",
+                spec.sensor.line_mm
+            ),
+        ));
+    }
     let charts = charts(part, sharp_deg(spec), || deadline.check()).map_err(late)?;
     deadline.check().map_err(late)?;
     // Where hardly anything may go unseen, small gaps count.
     let closer = if spec.plan.min_coverage > ALL { 4 } else { 1 };
     let points = closer * sample_count(part.surface.area_mm2(), spec.sensor.line_mm);
-    let all: Vec<u32> = (0..part.faces.len() as u32).collect();
-    let across_mm = part.across_mm(&all);
     let size = limits::PartSize {
         triangles: part.faces.len(),
         across_mm,
@@ -207,7 +237,10 @@ fn plan_there(
     };
     match &mut found {
         Ok(plan) if skipped.get() => plan.figures.warnings.push(SKIPPED.into()),
-        Err(error) if error.code == "time_limit" => error.message += &crumbs(part),
+        Err(error) if error.code == "time_limit" => {
+            error.message += &crumbs(part);
+            error.message += &short_line(spec);
+        }
         Err(error) if skipped.get() => error.message = format!("{} {SKIPPED}", error.message),
         _ => {}
     }
@@ -243,9 +276,13 @@ fn planned(
     if passes.len() > before {
         thin::thin(shop, &mut passes);
     }
-    let mut passes = order(shop.spec, all_ways(shop, passes), deadline);
-    let rows = join(shop, &mut passes, &mut obstructed)?;
-    let mut plan = result::proved(shop, rows, &passes, quality, &obstructed, options)?;
+    let tour = order(shop.spec, all_ways(shop, passes), deadline);
+    let joined = join(shop, &tour, &mut obstructed)?;
+    let passes = &joined.passes;
+    let mut plan = result::proved(shop, joined.rows, passes, quality, &obstructed, options)?;
+    plan.figures
+        .warnings
+        .extend(joined.warning.map(String::from));
     plan.flat = charts
         .iter()
         .map(|chart| chart.map.scales(shop.part, &chart.faces))
@@ -270,47 +307,4 @@ fn all_ways(shop: &Workshop<'_>, passes: Vec<Pass>) -> Vec<Vec<Pass>> {
             vec![pass]
         }
     })
-}
-
-/// Rows of passes with the links between them. A pass that no safe way leads to is left out; the proof tells what that
-/// costs.
-fn join(
-    shop: &Workshop<'_>,
-    passes: &mut Vec<Pass>,
-    obstructed: &mut Obstructed,
-) -> Result<Vec<PathRow>, ScanError> {
-    let mut rows: Vec<PathRow> = Vec::new();
-    let mut joined: Vec<Pass> = Vec::with_capacity(passes.len());
-    for pass in std::mem::take(passes) {
-        shop.deadline.check()?;
-        if let (Some(before), Some(first)) = (rows.last(), pass.axes.first()) {
-            let Some(way) = link(shop.spec, &shop.realiser.scenery, &before.axes, first) else {
-                let tips = pass
-                    .poses
-                    .iter()
-                    .map(|p| p.origin_mm + p.beam * shop.spec.sensor.reference_mm);
-                obstructed.collision.extend(tips);
-                continue;
-            };
-            for axes in way {
-                rows.push(PathRow {
-                    pass: -1,
-                    laser: false,
-                    pose: shop.spec.machine.forward(&axes),
-                    axes,
-                });
-            }
-        }
-        for (axes, pose) in pass.axes.iter().zip(&pass.poses) {
-            rows.push(PathRow {
-                pass: joined.len() as i32,
-                laser: true,
-                axes: axes.clone(),
-                pose: *pose,
-            });
-        }
-        joined.push(pass);
-    }
-    *passes = joined;
-    Ok(rows)
 }

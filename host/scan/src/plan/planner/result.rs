@@ -269,10 +269,12 @@ fn unreachable(
             coverage * 100.0,
             plan.min_coverage * 100.0,
             pieces(shop.part.components),
-            if limits {
+            if shop.part.inside_out() {
+                INSIDE_OUT.to_owned()
+            } else if limits {
                 BEYOND.to_owned()
             } else {
-                advice(obstructed.breaks, options.allow_partial || coverage == 0.0)
+                advice(obstructed, options.allow_partial || coverage == 0.0)
             }
         ),
     )
@@ -286,6 +288,9 @@ fn unreachable(
 /// What helps where the axes point the beam at nothing of the part.
 const BEYOND: &str = " Stand the part otherwise, so that the beam meets it within the axes' limits and travels; or turn the mesh inside out, if its triangles look away from the outer side (an outer side is that from which the corners run counter-clockwise).";
 
+/// What helps where the mesh is closed and looks inwards.
+const INSIDE_OUT: &str = " The mesh is closed and all its triangles look inwards: it is inside out. Turn them over (the outer side is that from which the corners run counter-clockwise).";
+
 /// What to do with a surface that a file has in pieces: each is planned by itself.
 pub(super) fn pieces(components: u32) -> String {
     match components {
@@ -296,9 +301,9 @@ pub(super) fn pieces(components: u32) -> String {
     }
 }
 
-/// What helps where too little is seen, after so many breaks of courses.
-fn advice(breaks: usize, allow_partial: bool) -> String {
-    let (broken, or_turn) = match breaks {
+/// What helps where too little is seen, by what stood in the way.
+fn advice(obstructed: &Obstructed, allow_partial: bool) -> String {
+    let (broken, or_turn) = match obstructed.breaks {
         0 => (String::new(), ""),
         n => (
             format!(" At {n} places an axis would turn too far from pose to pose (max_turn_deg)."),
@@ -310,6 +315,12 @@ fn advice(breaks: usize, allow_partial: bool) -> String {
     } else {
         ", or take --allow-partial"
     };
+    if obstructed.unlinked > 0 {
+        return format!(
+            "{broken} {} passes touch nothing where they lie, but no way to them was found on which the sensor touches nothing, neither over what stands in between nor round its sides. Give the machine more room there, or plan either side by itself{partial}.",
+            obstructed.unlinked
+        );
+    }
     format!("{broken} Allow more tilt{or_turn}, or stand the part otherwise{partial}.")
 }
 
@@ -358,7 +369,7 @@ pub fn csv(machine: &PlanMachine, rows: &[PathRow]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{advice, pieces};
+    use super::{Obstructed, advice, pieces};
 
     #[test]
     fn a_mesh_in_pieces_is_told_to_be_welded() {
@@ -368,11 +379,15 @@ mod tests {
 
     #[test]
     fn the_limit_that_breaks_courses_is_named_and_nothing_is_advised_twice() {
+        let broken_at = |breaks: usize| Obstructed {
+            breaks,
+            ..Obstructed::default()
+        };
         assert_eq!(
-            advice(0, false),
+            advice(&broken_at(0), false),
             " Allow more tilt, or stand the part otherwise, or take --allow-partial."
         );
-        let broken = advice(3, true);
+        let broken = advice(&broken_at(3), true);
         assert!(broken.contains("At 3 places") && broken.contains("max_turn_deg"));
         assert!(!broken.contains("--allow-partial"));
     }

@@ -20,6 +20,7 @@ use std::fmt::Write as _;
 
 use nalgebra::Vector3;
 
+use super::drive::links::clear_above;
 use super::drive::price::{RAPID_MM_PER_S, seconds};
 use super::drive::touch::Scenery;
 use super::proof::row::PathRow;
@@ -135,9 +136,7 @@ pub fn program(
     };
     let scenery = Scenery::new(spec, meshes);
     for end in [first, last] {
-        let mut top = end.axes.clone();
-        top[2] = spec.machine.travel_mm[2][1].max(top[2]);
-        if scenery.touches_between(&spec.machine, &end.axes, &top) {
+        if !clear_above(&spec.machine, &scenery, &end.axes) {
             return Err(ScanError::refused(
                 "nc_approach",
                 "The way straight up from the path's end touches something, so the program could not come from safety: stand the part otherwise.",

@@ -93,6 +93,10 @@ impl OverlapPoints {
     /// The overlap of a path. Strips without any count: where what a pass sees ends on the surface, another pass sees what
     /// lies beyond that end, and both see nothing in common. None where no pass has a neighbour. A late answer is short, as
     /// that of [`overlap`].
+    ///
+    /// Its tenth is the lesser one of two: of all stretches, and of those alone where a neighbour reaches the end of a whole
+    /// line, each counted up to the line's middle. On a small ball every strip ends early, by incidence; many wide
+    /// overlaps there would hide the narrow ones beside them.
     pub fn judge(
         &self,
         spec: &ScanSpec,
@@ -105,14 +109,21 @@ impl OverlapPoints {
         let ends = strip_ends(spec, passes, &self.points, &seen, self.apart_mm);
         let mut widths = widths(spec, passes, &seen, &ends, deadline);
         for stretch in bare(spec, passes, &self.points, &seen, &ends, self.apart_mm) {
-            widths.entry(stretch).or_insert([0.0; 2]);
+            widths.entry(stretch).or_insert([0.0; 3]);
         }
         let bare = widths.values().any(|w| w[0] == 0.0);
+        let half = tenth_of(
+            widths
+                .values()
+                .map(|w| w[2])
+                .filter(|w| *w >= 0.0)
+                .collect(),
+        );
         let Overlap { min, tenth, median } = told(widths)?;
         Some(JudgedOverlap {
             wanted: spec.plan.overlap,
             min: if bare { 0.0 } else { min },
-            tenth,
+            tenth: half.map_or(tenth, |half| half.min(tenth)),
             median,
             resolution: overlap_resolution(spec, self.apart_mm * self.apart_mm),
         })
@@ -338,14 +349,18 @@ const STRIP_GAP: f64 = 0.3;
 /// A neighbour's points reach the end of a whole line from this place on.
 const AT_NEIGHBOUR: f64 = 0.7;
 
-/// Of each stretch the overlap that its points span, and the same with what lies between the points (0 of few points).
+/// No neighbour reaches the end of a whole line.
+const NONE: f64 = -1.0;
+
+/// Of each stretch the overlap that its points span, the same with what lies between the points (0 of few points), and
+/// the first up to the line's middle, where a neighbour reaches the end of a whole line (else below 0).
 fn widths(
     spec: &ScanSpec,
     passes: &[&Pass],
     seen: &SampleSights,
     ends: &HashMap<StretchEnd, StripEnd>,
     deadline: Deadline,
-) -> HashMap<StretchEnd, [f64; 2]> {
+) -> HashMap<StretchEnd, [f64; 3]> {
     let ways = ways(spec, passes);
     let mut by_pass: Vec<Vec<(u32, Sight)>> = vec![Vec::new(); passes.len()];
     for (point, sights) in seen.sights.iter().enumerate() {
@@ -356,7 +371,7 @@ fn widths(
     // Pass by pass: all pairs of sights at once would be as many as the square of the passes.
     let found = Threads::all().chunks(by_pass.len(), 1, |range| {
         let mine = &by_pass[range.start];
-        let mut widths: Vec<(StretchEnd, [f64; 2])> = Vec::new();
+        let mut widths: Vec<(StretchEnd, [f64; 3])> = Vec::new();
         if !deadline.more() {
             return widths;
         }
@@ -381,6 +396,12 @@ fn widths(
                 continue;
             }
             places.sort_unstable_by(|a, b| b.total_cmp(a));
+            let outer = places.partition_point(|p| *p > 0.0);
+            let half = if edge > AT_NEIGHBOUR && outer >= 3 {
+                (edge - places[outer - 1]) / 2.0
+            } else {
+                NONE
+            };
             let apart = places
                 .windows(2)
                 .position(|p| p[1] < 0.0 && p[0] - p[1] > STRIP_GAP);
@@ -394,37 +415,50 @@ fn widths(
             let whole = (width * (count + 1.0) / (count - 1.0)).min(1.0);
             widths.push((
                 stretch,
-                [width, if joined >= TELLING { whole } else { 0.0 }],
+                [width, if joined >= TELLING { whole } else { 0.0 }, half],
             ));
         }
         widths
     });
-    let mut widths: HashMap<StretchEnd, [f64; 2]> = HashMap::new();
-    for (stretch, [width, whole]) in found.into_iter().flatten() {
-        let [seen, told] = widths.entry(stretch).or_insert([0.0; 2]);
-        (*seen, *told) = (seen.max(width), told.max(whole));
+    let mut widths: HashMap<StretchEnd, [f64; 3]> = HashMap::new();
+    for (stretch, found) in found.into_iter().flatten() {
+        let most = widths.entry(stretch).or_insert([0.0, 0.0, NONE]);
+        for (most, found) in most.iter_mut().zip(found) {
+            *most = most.max(found);
+        }
     }
     widths
 }
 
-fn told(widths: HashMap<StretchEnd, [f64; 2]>) -> Option<Overlap> {
+fn told(widths: HashMap<StretchEnd, [f64; 3]>) -> Option<Overlap> {
     let told = widths.values().map(|w| w[1]).filter(|w| *w > 0.0);
     let least = told.fold(f64::INFINITY, f64::min);
-    let mut sorted: Vec<f64> = widths.into_values().map(|w| w[0]).collect();
-    sorted.sort_by(f64::total_cmp);
-    let at = |share: f64| {
-        let place = share * (sorted.len() - 1) as f64;
-        let (low, high) = (
-            sorted[place.floor() as usize],
-            sorted[place.ceil() as usize],
-        );
-        low + (high - low) * place.fract()
-    };
+    let sorted = ascending(widths.into_values().map(|w| w[0]).collect());
     (!sorted.is_empty()).then(|| Overlap {
-        min: least.min(at(0.1)),
-        tenth: at(0.1),
-        median: at(0.5),
+        min: least.min(at(&sorted, 0.1)),
+        tenth: at(&sorted, 0.1),
+        median: at(&sorted, 0.5),
     })
+}
+
+fn tenth_of(widths: Vec<f64>) -> Option<f64> {
+    let sorted = ascending(widths);
+    (!sorted.is_empty()).then(|| at(&sorted, 0.1))
+}
+
+fn ascending(mut widths: Vec<f64>) -> Vec<f64> {
+    widths.sort_by(f64::total_cmp);
+    widths
+}
+
+/// The value at a share of a row that ascends and is not empty.
+fn at(sorted: &[f64], share: f64) -> f64 {
+    let place = share * (sorted.len() - 1) as f64;
+    let (low, high) = (
+        sorted[place.floor() as usize],
+        sorted[place.ceil() as usize],
+    );
+    low + (high - low) * place.fract()
 }
 
 /// How the poses stand to the part.

@@ -103,3 +103,44 @@ fn a_limit_is_blamed_only_for_what_no_pose_within_it_sees() {
     assert_eq!(area(5.0), 0.0);
     assert!(area(20.0) > 300.0, "{}", area(20.0));
 }
+
+/// A flat part leans by 0.95 of what is allowed, or 0.98: the tilt was cut short by 0.6 degrees or a fifth, and the part refused
+/// as beyond the axes' limits. What leans by more than is allowed still is.
+#[test]
+fn a_part_that_leans_within_the_tilt_is_seen() {
+    let plate = || PartMesh::weld(height_field([30.0, 20.0], 6, |_, _| 0.0), true).unwrap();
+    for [lean, allowed] in [
+        [9.5, 10.0],
+        [9.4, 10.0],
+        [2.5, 3.0],
+        [0.85, 1.0],
+        [19.6, 20.0],
+        [10.0, 10.0],
+    ] {
+        let leaning = |lean: f64| {
+            let text = std::fs::read_to_string(folder().join("three_axes.toml")).unwrap();
+            let text: String = (text.lines())
+                .map(|line| match line.split(" =").next() {
+                    Some("rotation_deg") => format!("rotation_deg = [{lean}, 0, 0]\n"),
+                    Some("max_tilt_deg") => format!("max_tilt_deg = {allowed}\n"),
+                    _ => format!("{line}\n"),
+                })
+                .collect();
+            let spec = spec(&text).unwrap();
+            assert_eq!(spec.plan.max_tilt_deg, allowed);
+            spec
+        };
+        let found = leaning(lean);
+        let plan_there = plan(&plate(), &[], &found, options(false)).unwrap();
+        keeps(&plan_there, &found);
+        // All facets are the surface itself here: none needs more than is allowed.
+        assert!(plan_there.figures.tilt_max_deg <= allowed + 1e-6);
+        assert!(
+            verify(&plate(), &[], &found, &plan_there.rows).holds,
+            "{lean} of {allowed}"
+        );
+        let beyond = leaning(allowed + 0.05);
+        let refused = plan(&plate(), &[], &beyond, options(false)).err().unwrap();
+        assert_eq!(refused.code, "axis_limit", "{allowed}");
+    }
+}

@@ -5,8 +5,8 @@ use umi_kinematics::branches::{self, Aim, ChainRotation};
 
 use super::super::super::machine::SensorPose;
 use super::super::super::map::flatten::across;
-use super::Driver;
 use super::turned::{best_about, turned, within_or_limit};
+use super::{Driver, Tilt};
 
 impl Driver<'_> {
     /// Angles within their limits that bring the beam against a normal, as near as the axes can; the spindle at zero.
@@ -58,35 +58,49 @@ impl Driver<'_> {
     /// The line's direction where the beam is against this normal as well as the axes can, one for each branch; none where
     /// two axes do not reach it. For machines whose line follows from the beam.
     pub fn lines_for(&self, normal: &Vector3<f64>) -> Vec<Vector3<f64>> {
-        self.lines_near(normal, normal)
+        self.lines_near(normal, normal, self.wished)
     }
 
     /// The line's direction where the beam is against `aimed_at`, within the tilt of a normal where two axes turn it.
-    fn lines_near(&self, aimed_at: &Vector3<f64>, normal: &Vector3<f64>) -> Vec<Vector3<f64>> {
+    fn lines_near(
+        &self,
+        aimed_at: &Vector3<f64>,
+        normal: &Vector3<f64>,
+        tilt: Tilt,
+    ) -> Vec<Vector3<f64>> {
         let pointed = self.aimed(aimed_at).into_iter();
         let pointed = pointed.map(|angles| self.machine.pointing(&angles));
         pointed
-            .filter(|(beam, _)| self.aiming.len() < 2 || self.within_tilt(beam, normal))
+            .filter(|(beam, _)| self.aiming.len() < 2 || tilt.holds(beam, normal))
             .map(|(_, line)| line)
             .collect()
     }
 
     /// The same for every beam that leans no more than allowed: a ring of leans stands for all.
     pub fn lines_within_tilt(&self, normal: &Vector3<f64>) -> Vec<Vector3<f64>> {
-        let mut lines = self.lines_for(normal);
-        if self.aiming.len() == 2 {
-            for leant in self.leans(normal) {
-                lines.extend(self.lines_near(&leant, normal));
+        for tilt in [self.wished, self.allowed] {
+            let mut lines = self.lines_near(normal, normal, tilt);
+            if self.aiming.len() == 2 {
+                for leant in self.leans(normal, tilt) {
+                    lines.extend(self.lines_near(&leant, normal, tilt));
+                }
+            }
+            if !lines.is_empty() {
+                return lines;
             }
         }
-        lines
+        Vec::new()
     }
 
     /// Normals around one, leant by nearly as much as is allowed: the way along a course must have room, too.
-    fn leans(&self, normal: &Vector3<f64>) -> impl Iterator<Item = Vector3<f64>> {
+    fn leans(
+        &self,
+        normal: &Vector3<f64>,
+        tilt: Tilt,
+    ) -> impl Iterator<Item = Vector3<f64>> + use<> {
         const AROUND: usize = 12;
         let (x, y) = across(normal);
-        let (normal, lean) = (*normal, (0.9 * self.tilt_deg).to_radians().tan());
+        let (normal, lean) = (*normal, (0.9 * tilt.deg).to_radians().tan());
         (0..AROUND).map(move |k| {
             let (s, c) = (std::f64::consts::TAU * k as f64 / AROUND as f64).sin_cos();
             (normal + (x * c + y * s) * lean).normalize()
@@ -101,12 +115,14 @@ impl Driver<'_> {
                 .iter()
                 .any(|a| self.within_tilt(&self.machine.pointing(a).0, normal))
         };
-        near(normal) || (self.aiming.len() > 1 && self.leans(normal).any(|n| near(&n)))
+        near(normal)
+            || (self.aiming.len() > 1 && self.leans(normal, self.allowed).any(|n| near(&n)))
     }
 
     /// Poses that meet a point of the surface within tilt, limits and travel: against its normal and leant around it.
     pub fn stands(&self, at: &Vector3<f64>, normal: &Vector3<f64>) -> Vec<SensorPose> {
-        let leant = self.leans(normal).filter(|_| !self.aiming.is_empty());
+        let leant = self.leans(normal, self.allowed);
+        let leant = leant.filter(|_| !self.aiming.is_empty());
         let aimed = std::iter::once(*normal).chain(leant);
         let sets = aimed.flat_map(|n| self.aimed(&n));
         let pose = |mut angles: Vec<f64>| {

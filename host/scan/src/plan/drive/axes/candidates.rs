@@ -5,7 +5,7 @@ use umi_kinematics::branches::{self, Aim, ChainRotation};
 
 use super::super::super::course::RunPoint;
 use super::turned::{best_about, turned, within_or_limit};
-use super::{Driver, RasterAngle, Stance, State, angle_deg};
+use super::{Driver, RasterAngle, Stance, State, Tilt, angle_deg};
 
 /// Of the share of the line that does not lie across the way, against the square of a tilt in degrees: a strip that is
 /// narrower by a fiftieth is worth a lean of 9 degrees.
@@ -51,7 +51,7 @@ impl Driver<'_> {
                 }
                 [(first, outer), (second, inner), ..] => {
                     let at_sensor = outer.direction.dot(&w).clamp(-1.0, 1.0).acos();
-                    let room = self.tilt_deg
+                    let room = self.allowed.deg
                         + stance.lean_along_deg.abs()
                         + stance.lean_across_deg.abs()
                         + 0.01;
@@ -94,17 +94,25 @@ impl Driver<'_> {
             }
         }
         let mut states = Vec::new();
-        for mut angles in angles_found {
-            // Whole turns point the same way and cost the same.
-            if let Some(cost) = self.complete(&mut angles, point, stance, [&beam, &line], room_mm) {
-                self.whole_turns(angles, |angles| {
-                    states.push(State {
-                        angles,
-                        cost,
-                        best: f64::INFINITY,
-                        parent: 0,
+        for tilt in [self.wished, self.allowed] {
+            for angles in &angles_found {
+                let mut angles = angles.clone();
+                let wanted = [&beam, &line];
+                // Whole turns point the same way and cost the same.
+                if let Some(cost) = self.complete(&mut angles, point, stance, tilt, wanted, room_mm)
+                {
+                    self.whole_turns(angles, |angles| {
+                        states.push(State {
+                            angles,
+                            cost,
+                            best: f64::INFINITY,
+                            parent: 0,
+                        });
                     });
-                });
+                }
+            }
+            if !states.is_empty() {
+                break;
             }
         }
         if let Some((place, _)) = self.aiming.last() {
@@ -168,12 +176,13 @@ impl Driver<'_> {
         angles: &mut [f64],
         point: &RunPoint,
         stance: Stance,
+        tilt: Tilt,
         [wanted, line]: [&Vector3<f64>; 2],
         room_mm: &mut f64,
     ) -> Option<f64> {
         let stand = self.machine.stand(angles);
         let (beam, zero_line) = (stand.beam(), stand.line());
-        if !self.within_tilt(&beam, &point.normal) {
+        if !tilt.holds(&beam, &point.normal) {
             return None;
         }
         let off = angle_deg(&beam, wanted);

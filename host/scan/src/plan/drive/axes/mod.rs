@@ -108,11 +108,42 @@ pub struct Driver<'a> {
     raster: Vec<RasterAngle>,
     limits: Vec<[f64; 2]>,
     spindle: bool,
-    tilt_deg: f64,
-    tilt_cos: f64,
+    /// Leans that are sought first: they leave room for facets that differ from the smoothed normal.
+    wished: Tilt,
+    /// Leans that are allowed: what is not reached otherwise takes the whole of it.
+    allowed: Tilt,
     turn_deg: f64,
     deadline: Option<Deadline>,
 }
+
+/// A largest angle of the beam against the normal.
+#[derive(Debug, Clone, Copy)]
+struct Tilt {
+    deg: f64,
+    cos: f64,
+}
+
+impl Tilt {
+    fn of(deg: f64) -> Self {
+        let cos = deg.to_radians().cos();
+        Tilt { deg, cos }
+    }
+
+    fn holds(self, beam: &Vector3<f64>, normal: &Vector3<f64>) -> bool {
+        // An arc tangent only where the cosine is too near to tell.
+        let over = -beam.dot(normal) - self.cos;
+        over > 1e-9 || (over > -1e-9 && angle_deg(beam, &-normal) <= self.deg + ROUNDING_DEG)
+    }
+}
+
+/// A surface that leans by just what is allowed is within it: normals are rounded.
+const ROUNDING_DEG: f64 = 1e-9;
+
+/// Facets differ from the smoothed normal by about this much.
+const FACET_DEG: f64 = 0.6;
+
+/// Share of the tilt that is sought first at least, where it is small.
+const WISHED_SHARE: f64 = 0.8;
 
 /// An angle with its sine and cosine.
 #[derive(Debug, Clone, Copy)]
@@ -133,8 +164,7 @@ impl<'a> Driver<'a> {
     /// Looks the machine through once.
     pub fn new(spec: &'a ScanSpec) -> Self {
         let machine = &spec.machine;
-        // Facets differ from the smoothed normal by about this much.
-        let tilt_deg = (spec.plan.max_tilt_deg - 0.6).max(spec.plan.max_tilt_deg * 0.8);
+        let allowed = spec.plan.max_tilt_deg;
         let mut driver = Driver {
             spec,
             machine,
@@ -149,8 +179,8 @@ impl<'a> Driver<'a> {
             raster: Vec::new(),
             limits: machine.limits()[3..].to_vec(),
             spindle: machine.line_by_spindle(),
-            tilt_deg,
-            tilt_cos: tilt_deg.to_radians().cos(),
+            wished: Tilt::of((allowed - FACET_DEG).max(allowed * WISHED_SHARE)),
+            allowed: Tilt::of(allowed),
             turn_deg: spec.plan.max_turn_deg * TURN_SHARE,
             deadline: None,
         };
@@ -191,11 +221,9 @@ impl<'a> Driver<'a> {
             .then(|| self.machine.pointing(&angles).0)
     }
 
-    /// Is a beam near enough to the normal?
+    /// Does a beam lean no more than allowed?
     pub fn within_tilt(&self, beam: &Vector3<f64>, normal: &Vector3<f64>) -> bool {
-        // An arc tangent only where the cosine is too near to tell.
-        let over = -beam.dot(normal) - self.tilt_cos;
-        over > 1e-9 || (over > -1e-9 && angle_deg(beam, &-normal) <= self.tilt_deg)
+        self.allowed.holds(beam, normal)
     }
 
     /// Axis values along a run.

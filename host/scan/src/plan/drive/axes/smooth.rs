@@ -50,7 +50,7 @@ impl Driver<'_> {
             return;
         }
         let leans_too_far = |angles: &[f64], k: usize| {
-            !self.within_tilt(&self.machine.beam(angles), &points[k].normal)
+            !(self.wished).holds(&self.machine.beam(angles), &points[k].normal)
         };
         let rough = rows.windows(3).any(|w| {
             self.aiming

@@ -10,7 +10,7 @@ use super::surface::Surface;
 use crate::ScanError;
 
 /// Points between the borders of one face at most.
-const MOST_INNER: usize = 200_000;
+pub(super) const MOST_INNER: usize = 200_000;
 
 /// Triangles of less height than this have none.
 const FLAT_MM: f64 = 1e-6;
@@ -55,10 +55,7 @@ pub(super) fn triangles(
     }
     let [us, vs] = surface.grid(low, high, longest_mm);
     if us.len().saturating_mul(vs.len()) > MOST_INNER {
-        return Err(ScanError::refused(
-            "mesh_scale",
-            "A face bends so much that more than 200 000 points would stand for it: is the file in millimetres?",
-        ));
+        return Err(too_bent());
     }
     // Triangles are judged in millimetres, not in parameters.
     let mut scale = Vector2::zeros();
@@ -159,6 +156,14 @@ pub(super) fn triangles(
     }
 }
 
+/// The refusal of a face that too many points would stand for.
+pub(super) fn too_bent() -> ScanError {
+    ScanError::refused(
+        "mesh_scale",
+        "A face bends so much that more than 200 000 points would stand for it: is the file in millimetres?",
+    )
+}
+
 /// All borders in the parameters.
 fn rings_of(surface: &Surface, borders: &[Border]) -> Result<Vec<Vec<Corner>>, ScanError> {
     let mut rings: Vec<Vec<Corner>> = Vec::with_capacity(borders.len());
@@ -170,7 +175,7 @@ fn rings_of(surface: &Surface, borders: &[Border]) -> Result<Vec<Vec<Corner>>, S
 }
 
 /// Twice the area within a ring, positive if it is gone round counter-clockwise.
-fn doubled_area(ring: &[Corner]) -> f64 {
+pub(super) fn doubled_area(ring: &[Corner]) -> f64 {
     (0..ring.len())
         .map(|k| ring[k].0.perp(&ring[(k + 1) % ring.len()].0))
         .sum()
@@ -208,14 +213,14 @@ fn ring(
 }
 
 /// The borders' pieces, by the bands of y that they reach into.
-struct Outline {
+pub(super) struct Outline {
     low: f64,
     per_mm: f64,
     bands: Vec<Vec<[Point2<f64>; 2]>>,
 }
 
 impl Outline {
-    fn new(ends: &[[Point2<f64>; 2]]) -> Self {
+    pub(super) fn new(ends: &[[Point2<f64>; 2]]) -> Self {
         let (low, high) = ends
             .iter()
             .flatten()
@@ -243,7 +248,7 @@ impl Outline {
     }
 
     /// Is a point between the borders? A ray to the right crosses them an odd number of times.
-    fn has(&self, p: &Point2<f64>) -> bool {
+    pub(super) fn has(&self, p: &Point2<f64>) -> bool {
         self.bands[self.band(p.y)]
             .iter()
             .filter(|[a, b]| {

@@ -3,11 +3,12 @@
 //!
 //! Read are planes, cylinders, cones, spheres, tori and B-splines (rational ones too), with borders of lines, circles,
 //! ellipses and B-splines. All else is refused by its name: assemblies, other surfaces, a face that goes round without a
-//! seam or reaches a pole.
+//! seam or reaches a pole, unless it lies on a ball.
 //!
 //! * [`part21`]: the text; [`frame`]: points and placements; [`spline`], [`surface`], [`curve`]: geometry.
-//! * [`face`]: a face as triangles.
+//! * [`face`]: a face as triangles; [`ball`]: the same on a ball, with poles, or the whole of it.
 
+mod ball;
 mod curve;
 mod face;
 mod frame;
@@ -30,6 +31,9 @@ use part21::Values;
 
 /// Triangles and edges leave the surface by no more than this.
 const CHORD_MM: f64 = 0.005;
+
+/// Edges that meet lie no farther apart.
+const GAP_MM: f64 = 0.05;
 
 /// Edges of triangles are no longer than this share of the part: long ones make a bad map.
 const LONGEST_SHARE: f64 = 1.0 / 40.0;
@@ -83,7 +87,9 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawMesh, ScanError> {
     for face in &faces {
         let number = face.number;
         let mut borders = Vec::new();
+        let mut gone: Vec<Vec<ball::GoneEdge>> = Vec::new();
         for bound in &face.bounds {
+            let mut edges_gone = Vec::new();
             let mut border: face::Border = Vec::new();
             for (edge, along) in bound {
                 let points = match edges.entry(*edge) {
@@ -97,17 +103,19 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawMesh, ScanError> {
                 };
                 // Each edge ends where the next begins.
                 if let (Some(end), Some(begin)) = (border.pop(), way.first())
-                    && (end - begin).norm() > 0.05
+                    && (end - begin).norm() > GAP_MM
                 {
                     return Err(unreadable(format_args!(
                         "the border of face #{number} has a gap of {:.3} mm",
                         (end - begin).norm()
                     )));
                 }
-                border.extend(way);
+                border.extend(&way);
+                edges_gone.push((*edge, *along, way));
             }
+            gone.push(edges_gone);
             if let (Some(end), Some(begin)) = (border.pop(), border.first())
-                && (end - begin).norm() > 0.05
+                && (end - begin).norm() > GAP_MM
             {
                 return Err(unreadable(format_args!(
                     "the border of face #{number} does not close"
@@ -115,15 +123,24 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawMesh, ScanError> {
             }
             borders.push(border);
         }
-        if borders.is_empty() {
-            return Err(not_read("a face without a border"));
+        let known = (raw.vertices.len(), raw.faces.len());
+        let mut made = if borders.is_empty() {
+            Err(not_read("a face without a border"))
+        } else {
+            face::triangles(&face.surface, &borders, face.turned, longest_mm, &mut raw)
+        };
+        if let (Err(_), surface::Surface::Sphere(frame, radius)) = (&made, &face.surface)
+            && let Some(borders) = ball::without_seams(&gone)
+        {
+            raw.vertices.truncate(known.0);
+            raw.faces.truncate(known.1);
+            let turned = face.turned;
+            made = ball::triangles(frame, *radius, &borders, turned, longest_mm, &mut raw);
         }
-        face::triangles(&face.surface, &borders, face.turned, longest_mm, &mut raw).map_err(
-            |mut e| {
-                e.message = format!("Face #{number}: {}", e.message);
-                e
-            },
-        )?;
+        made.map_err(|mut e| {
+            e.message = format!("Face #{number}: {}", e.message);
+            e
+        })?;
     }
     Ok(raw)
 }
@@ -157,7 +174,14 @@ fn face_text(drawing: &Drawing, number: u64) -> Result<FaceText, ScanError> {
         else {
             return Err(unreadable(format_args!("#{bound} is no border of a face")));
         };
-        let mut edges = curve::loop_edges(drawing, bound.entity(1)?)?;
+        let ring = bound.entity(1)?;
+        // A whole ball has a point for its border.
+        if matches!(surface, surface::Surface::Sphere(..))
+            && drawing.entities.at(ring)?.get("VERTEX_LOOP").is_some()
+        {
+            continue;
+        }
+        let mut edges = curve::loop_edges(drawing, ring)?;
         if !bound.flag(2)? {
             // Gone along the other way: the face lies on the left, seen from its outer side.
             edges.reverse();
@@ -186,6 +210,13 @@ fn across(drawing: &Drawing, faces: &[FaceText]) -> Result<f64, ScanError> {
                 low = low.inf(&at);
                 high = high.sup(&at);
             }
+        }
+    }
+    for face in faces {
+        // A ball reaches as far as a piece of it can.
+        if let (surface::Surface::Sphere(frame, radius), []) = (&face.surface, &face.bounds[..]) {
+            low = low.inf(&(frame.at - Vector3::repeat(*radius)));
+            high = high.sup(&(frame.at + Vector3::repeat(*radius)));
         }
     }
     let across = (high - low).norm();

@@ -292,3 +292,124 @@ fn the_corner_of_fillets_is_a_piece_of_a_ball() {
         }
     }
 }
+
+/// Closed, of one piece, with all triangles within the chord of the ball and looking out of it.
+fn lies_on_ball(part: &PartMesh, radius: f64) {
+    for t in part.surface.triangles() {
+        let middle = (t.corners[0] + t.corners[1] + t.corners[2]) / 3.0;
+        assert!(t.normal.dot(&middle) > 0.99 * radius);
+        assert!(middle.norm() > radius - super::CHORD_MM - 1e-9 && middle.norm() < radius);
+        for c in t.corners {
+            assert!((c.norm() - radius).abs() < 1e-9);
+        }
+    }
+    assert_eq!(part.components, 1);
+}
+
+/// A whole ball has a point for its border in a file of Open CASCADE's.
+#[test]
+fn a_whole_ball_is_read_though_its_border_is_a_point() {
+    let mut o = Outline::new(10);
+    let pole = o.add("CARTESIAN_POINT('',(0.,0.,-12.5))");
+    let vertex = o.add(&format!("VERTEX_POINT('',#{pole})"));
+    let ring = o.add(&format!("VERTEX_LOOP('',#{vertex})"));
+    let bound = o.add(&format!("FACE_BOUND('',#{ring},.T.)"));
+    let text = o.close("SPHERICAL_SURFACE('',#5,12.5)", &[bound]);
+    let part = PartMesh::weld(read(text.as_bytes()).unwrap(), true).unwrap();
+    lies_on_ball(&part, 12.5);
+    let border = super::super::weld::BORDER;
+    assert!(part.neighbours.iter().flatten().all(|n| *n != border));
+    assert_eq!(part.vertices.len() * 2, part.faces.len() + 4);
+    let found = part.surface.area_mm2();
+    assert!((found / (4.0 * PI * 156.25) - 1.0).abs() < 2e-3, "{found}");
+    // Its inner side: the same triangles, turned over.
+    assert!(!part.inside_out());
+    let (at, _) = text.match_indices(",.T.);").last().unwrap();
+    let inner = format!("{},.F.);{}", &text[..at], &text[at + 6..]);
+    let inner = PartMesh::weld(read(inner.as_bytes()).unwrap(), true).unwrap();
+    assert!(inner.inside_out());
+    // A point is no border of another surface.
+    let plane = text.replace(
+        "SPHERICAL_SURFACE('',#5,12.5)",
+        "CYLINDRICAL_SURFACE('',#5,12.5)",
+    );
+    assert_eq!(read(plane.as_bytes()).unwrap_err().code, "mesh_format");
+}
+
+/// More than half of a ball, with a pole in it, and the cap that is left: border circles without a seam.
+#[test]
+fn a_piece_of_a_ball_that_holds_a_pole_is_read() {
+    for (cap, axis) in [(false, "(0.,0.,1.)"), (true, "(0.,0.,-1.)")] {
+        let mut o = Outline::new(10);
+        // Seen from outside the face is on the left: round the axis upwards for what lies above.
+        let middle = o.add("CARTESIAN_POINT('',(0.,0.,-12.))");
+        let axis = o.add(&format!("DIRECTION('',{axis})"));
+        let frame = o.add(&format!("AXIS2_PLACEMENT_3D('',#{middle},#{axis},#3)"));
+        let circle = format!("CIRCLE('',#{frame},16.)");
+        let bound = o.ring(&[[16.0, 0.0, -12.0]], &[(circle, true)]);
+        let text = o.close("SPHERICAL_SURFACE('',#5,20.)", &[bound]);
+        let part = PartMesh::weld(read(text.as_bytes()).unwrap(), true).unwrap();
+        lies_on_ball(&part, 20.0);
+        let height = if cap { 8.0 } else { 32.0 };
+        let wanted = 2.0 * PI * 20.0 * height;
+        let found = part.surface.area_mm2();
+        assert!((found / wanted - 1.0).abs() < 2e-3, "{found} for {wanted}");
+        let above = |t: &crate::surface::Triangle| t.corners.iter().all(|c| c.z > -12.0 - 1e-6);
+        assert_eq!(part.surface.triangles().iter().all(above), !cap);
+    }
+}
+
+/// A ball from pole to pole along its seam, with a round hole across that: what Open CASCADE writes of a drilled ball.
+#[test]
+fn a_ball_with_a_hole_across_its_seam_is_read() {
+    let mut o = Outline::new(10);
+    let corners = [
+        [0.0, 0.0, -20.0],
+        [12.0, 0.0, -16.0],
+        [12.0, 0.0, 16.0],
+        [0.0, 0.0, 20.0],
+    ];
+    let vertices = corners.map(|[x, y, z]: [f64; 3]| {
+        let point = o.add(&format!("CARTESIAN_POINT('',({x:?},{y:?},{z:?}))"));
+        o.add(&format!("VERTEX_POINT('',#{point})"))
+    });
+    let placed = |o: &mut Outline, at: &str, axis: &str| {
+        let at = o.add(&format!("CARTESIAN_POINT('',{at})"));
+        let axis = o.add(&format!("DIRECTION('',{axis})"));
+        let along = o.add("DIRECTION('',(0.,0.,-1.))");
+        o.add(&format!("AXIS2_PLACEMENT_3D('',#{at},#{axis},#{along})"))
+    };
+    // From the lower pole up along y = 0, and round the hole clockwise as seen from outside.
+    let up = placed(&mut o, "(0.,0.,0.)", "(0.,-1.,0.)");
+    let round = placed(&mut o, "(12.,0.,0.)", "(-1.,0.,0.)");
+    let seam = o.add(&format!("CIRCLE('',#{up},20.)"));
+    let hole = o.add(&format!("CIRCLE('',#{round},16.)"));
+    let edges =
+        [(0, 1, seam), (1, 2, hole), (2, 3, seam), (2, 1, hole)].map(|(from, to, curve)| {
+            let (from, to) = (vertices[from], vertices[to]);
+            o.add(&format!("EDGE_CURVE('',#{from},#{to},#{curve},.T.)"))
+        });
+    let gone = [(0, 'T'), (1, 'T'), (2, 'T'), (2, 'F'), (3, 'T'), (0, 'F')];
+    let list: Vec<String> = gone
+        .iter()
+        .map(|(k, sense)| {
+            let n = o.add(&format!("ORIENTED_EDGE('',*,*,#{},.{sense}.)", edges[*k]));
+            format!("#{n}")
+        })
+        .collect();
+    let ring = o.add(&format!("EDGE_LOOP('',({}))", list.join(",")));
+    let bound = o.add(&format!("FACE_OUTER_BOUND('',#{ring},.T.)"));
+    let text = o.close("SPHERICAL_SURFACE('',#5,20.)", &[bound]);
+    let part = PartMesh::weld(read(text.as_bytes()).unwrap(), true).unwrap();
+    lies_on_ball(&part, 20.0);
+    let wanted = 2.0 * PI * 20.0 * 32.0;
+    let found = part.surface.area_mm2();
+    assert!((found / wanted - 1.0).abs() < 2e-3, "{found} for {wanted}");
+    // The poles are in it, the hole is not.
+    let near = |x: f64, y: f64, z: f64| {
+        let at = nalgebra::Vector3::new(x, y, z);
+        part.vertices.iter().any(|v| (v - at).norm() < 1.0)
+    };
+    assert!(near(0.0, 0.0, 20.0) && near(0.0, 0.0, -20.0) && near(-20.0, 0.0, 0.0));
+    assert!(!near(20.0, 0.0, 0.0) && !near(16.0, 0.0, 12.0));
+}
