@@ -120,7 +120,7 @@ pub enum PointRefusal {
         direction_rad: f64,
     },
     /// Two beams on the side of the rough direction fit about equally well.
-    #[error("two beams {apart_deg:.1} degrees and {:.3} mm apart fit alike (rms {:.3e} and {:.3e} mm), as far as {dof} readings more than unknowns can tell, and both are on the side of the rough direction: measure more places, with the axes at several heights, and not on one circle of the ball alone, or give a better direction", .apart.0, .best_rms.0, .other_rms.0)]
+    #[error("two beams {apart_deg:.1} degrees and {:.3} mm apart fit alike (rms {:.3e} and {:.3e} mm), as far as readings can tell that are {dof} more than the unknowns, and both are on the side of the rough direction: measure more places, with the axes at several heights, and not on one circle of the ball alone, or give a better direction", .apart.0, .best_rms.0, .other_rms.0)]
     Ambiguous {
         /// Degrees of freedom.
         dof: usize,
