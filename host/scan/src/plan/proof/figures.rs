@@ -95,7 +95,7 @@ impl OverlapPoints {
     /// that of [`overlap`].
     ///
     /// Its tenth is the lesser one of two: of all stretches, and of those alone where a neighbour reaches the end of a whole
-    /// line, each counted up to the line's middle. On a small ball every strip ends early, by incidence; many wide
+    /// line. On a small ball every strip ends early, by incidence; many wide
     /// overlaps there would hide the narrow ones beside them.
     pub fn judge(
         &self,
@@ -109,10 +109,10 @@ impl OverlapPoints {
         let ends = strip_ends(spec, passes, &self.points, &seen, self.apart_mm);
         let mut widths = widths(spec, passes, &seen, &ends, deadline);
         for stretch in bare(spec, passes, &self.points, &seen, &ends, self.apart_mm) {
-            widths.entry(stretch).or_insert([0.0; 3]);
+            widths.entry(stretch).or_insert([0.0, 0.0, NONE]);
         }
         let bare = widths.values().any(|w| w[0] == 0.0);
-        let half = tenth_of(
+        let at_ends = tenth_of(
             widths
                 .values()
                 .map(|w| w[2])
@@ -123,7 +123,7 @@ impl OverlapPoints {
         Some(JudgedOverlap {
             wanted: spec.plan.overlap,
             min: if bare { 0.0 } else { min },
-            tenth: half.map_or(tenth, |half| half.min(tenth)),
+            tenth: at_ends.map_or(tenth, |at_ends| at_ends.min(tenth)),
             median,
             resolution: overlap_resolution(spec, self.apart_mm * self.apart_mm),
         })
@@ -353,7 +353,7 @@ const AT_NEIGHBOUR: f64 = 0.7;
 const NONE: f64 = -1.0;
 
 /// Of each stretch the overlap that its points span, the same with what lies between the points (0 of few points), and
-/// the first up to the line's middle, where a neighbour reaches the end of a whole line (else below 0).
+/// the first alone where a neighbour reaches the end of a whole line (else below 0).
 fn widths(
     spec: &ScanSpec,
     passes: &[&Pass],
@@ -396,12 +396,6 @@ fn widths(
                 continue;
             }
             places.sort_unstable_by(|a, b| b.total_cmp(a));
-            let outer = places.partition_point(|p| *p > 0.0);
-            let half = if edge > AT_NEIGHBOUR && outer >= 3 {
-                (edge - places[outer - 1]) / 2.0
-            } else {
-                NONE
-            };
             let apart = places
                 .windows(2)
                 .position(|p| p[1] < 0.0 && p[0] - p[1] > STRIP_GAP);
@@ -411,12 +405,12 @@ fn widths(
             }
             let count = joined as f64;
             let width = (edge - places[joined - 1]) / 2.0;
+            let at_end = edge > AT_NEIGHBOUR && places.iter().filter(|p| **p > 0.0).count() >= 3;
+            let at_end = if at_end { width } else { NONE };
             // The outermost of some points in a strip leave a little of it at either edge.
             let whole = (width * (count + 1.0) / (count - 1.0)).min(1.0);
-            widths.push((
-                stretch,
-                [width, if joined >= TELLING { whole } else { 0.0 }, half],
-            ));
+            let whole = if joined >= TELLING { whole } else { 0.0 };
+            widths.push((stretch, [width, whole, at_end]));
         }
         widths
     });

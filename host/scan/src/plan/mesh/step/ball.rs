@@ -25,6 +25,9 @@ const ASIDE_RAD: f64 = 0.02;
 /// Points nearer to a border than this share of their distance from each other are left out: they would make slivers.
 const SLIVER: f64 = 0.45;
 
+/// Nearer to the point that the ball is looked from (one less a cosine), a place is beyond all others.
+const AT_POLE: f64 = 1e-9;
+
 /// Points are added so often where a triangle still leaves the ball by more than the chord.
 const ROUNDS: usize = 6;
 
@@ -118,6 +121,13 @@ pub(super) fn triangles(
         if more.is_empty() || round == ROUNDS {
             if net.faces.is_empty() {
                 return Err(unreadable("a face has nothing between its borders"));
+            }
+            let looks_out = |[a, b, c]: &[usize; 3]| {
+                let [a, b, c] = [a, b, c].map(|k| net.vertices[*k] - frame.at);
+                (b - a).cross(&(c - a)).dot(&(a + b + c)) > 0.0
+            };
+            if !net.faces.iter().all(looks_out) {
+                return Err(super::not_read("a ball with such a border"));
             }
             add(&net.vertices, &net.faces);
             return Ok(());
@@ -348,7 +358,8 @@ impl Net {
         let outline = Outline::new(&ends);
         for p in inner {
             let here = place(p);
-            if outline.has(&here) {
+            // The point that it is looked from has no place.
+            if plane.from.dot(p) < 1.0 - AT_POLE && outline.has(&here) {
                 let handle = net.insert(here).map_err(|_| wrong())?;
                 if handle.index() == vertices.len() {
                     vertices.push(on_ball(p));
