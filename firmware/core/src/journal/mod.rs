@@ -142,6 +142,14 @@ pub struct Journal<F: Flash> {
     cursor: Option<Cursor>,
 }
 
+/// What [`Journal::open_or_return`] could not open.
+pub struct NotOpened<F: Flash> {
+    /// Why.
+    pub error: JournalError<F::Error>,
+    /// The region, as it was.
+    pub flash: F,
+}
+
 impl<F: Flash> Journal<F> {
     /// Finds the record in the region. Only reads: one header per sector, and
     /// the newest sector as a whole. An erased region is an empty journal.
@@ -151,14 +159,14 @@ impl<F: Flash> Journal<F> {
     /// region holds something else, which is left as it is. [`JournalError::Geometry`]:
     /// it cannot hold a journal. [`JournalError::Flash`].
     pub fn open(flash: F) -> Result<(Self, Recovery), JournalError<F::Error>> {
-        Self::open_or_return(flash).map_err(|(error, _)| error)
+        Self::open_or_return(flash).map_err(|not_opened| not_opened.error)
     }
 
     /// As [`open`](Self::open), and gives the flash back where that fails.
     ///
     /// # Errors
     /// As [`open`](Self::open).
-    pub fn open_or_return(mut flash: F) -> Result<(Self, Recovery), (JournalError<F::Error>, F)> {
+    pub fn open_or_return(mut flash: F) -> Result<(Self, Recovery), NotOpened<F>> {
         let State {
             extent,
             generation,
@@ -167,7 +175,7 @@ impl<F: Flash> Journal<F> {
             recovery,
         } = match recover(&mut flash) {
             Ok(state) => state,
-            Err(error) => return Err((error, flash)),
+            Err(error) => return Err(NotOpened { error, flash }),
         };
         let journal = Self {
             flash,

@@ -56,7 +56,7 @@ impl<F: Flash> Ring<F> {
             Self::Damaged(mut flash) => match Journal::format(&mut flash) {
                 Ok(()) => match Journal::open_or_return(flash) {
                     Ok((ring, _)) => Self::Open(ring),
-                    Err((_, flash)) => Self::Damaged(flash),
+                    Err(damaged) => Self::Damaged(damaged.flash),
                 },
                 Err(_) => Self::Damaged(flash),
             },
@@ -87,7 +87,7 @@ impl<F: Flash> Custody<F> {
                 let found = newest.and_then(|newest| read(&mut ring, newest));
                 (Ring::Open(ring), found, was_there)
             }
-            Err((_, flash)) => (Ring::Damaged(flash), None, true),
+            Err(damaged) => (Ring::Damaged(damaged.flash), None, true),
         };
         let is_fallback = found.is_none() && was_there;
         let mut kept = found.unwrap_or(NOTHING_KEPT);
