@@ -11,8 +11,7 @@
 //! * [`thin`]: clouds filtered, cropped, sampled.
 //! * [`localise`]: where the part is in a scan, or why the scan does not say.
 //! * [`stock`]: the best place of the finished part in the raw one.
-//! * [`solve`], [`parallel`]: least squares, small linear programmes, threads.
-//! * [`student`]: how far an uncertainty reaches that few readings tell.
+//! * [`solve`], [`parallel`]: least squares, small linear programmes, how far an uncertainty by few reaches; threads.
 //! * [`error`]: why there is no answer.
 
 pub mod calibrate;
@@ -31,7 +30,6 @@ pub mod profile;
 pub mod rigid;
 pub mod solve;
 pub mod stock;
-pub mod student;
 pub mod surface;
 pub mod thin;
 

@@ -60,9 +60,7 @@ pub fn alarm_compares(dialect: Dialect, coding: Coding) -> bool {
 /// What the comment in such a program says: what to do.
 const fn what_to_do(why: &Withheld) -> &'static str {
     match why {
-        Withheld::OnlyTaught => {
-            "STANDS WHERE IT WAS TAUGHT - BY THIS RUN UMI TEACH KEEP - ELSE AGAIN"
-        }
+        Withheld::OnlyTaught => "STANDS WHERE IT WAS TAUGHT - UMI TEACH KEEP OR AGAIN",
         Withheld::CorrectionGone => "EACH GOES OUT ONCE - PROBE THE PART",
         Withheld::JournalFull => "UMI LOG ACK - THEN PROBE THE PART",
         _ => "PROBE THE PART - READ WHAT THE BOARD SAYS OF IT",

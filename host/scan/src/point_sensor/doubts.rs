@@ -13,7 +13,7 @@ use umi_core::point::{
 };
 
 use super::readings::SensorReadings;
-use crate::student::{NORMAL_95, coverage_95};
+use crate::solve::student::{NORMAL_95, coverage_95};
 
 /// More standard uncertainties than this are no chance.
 const SURE: f64 = 10.0;

@@ -1,9 +1,10 @@
-//! Solvers: least squares of distances to a surface, and small linear programmes.
+//! Solvers: least squares of distances to a surface, small linear programmes, and Student's t.
 
 mod kernel;
 mod least;
 pub mod linear;
 mod small;
+pub mod student;
 
 pub use kernel::Kernel;
 pub use least::{Measured, Offset, Settled, Task, measure};

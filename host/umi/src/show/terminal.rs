@@ -11,7 +11,7 @@ use std::io::{self, Write as _};
 pub use anstyle::Style;
 use anstyle::{AnsiColor, Effects};
 use umi_report::terminal::ink;
-pub use umi_scan::student::coverage_95;
+pub use umi_scan::solve::student::coverage_95;
 
 use crate::failure::Failure;
 

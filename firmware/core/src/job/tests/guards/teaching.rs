@@ -314,8 +314,10 @@ fn what_teaches_behind_a_revoked_teaching_is_in_doubt_as_well() {
     let asked = run.teach(Micros(9), HOST, what, &mut |d| outcome.take(d));
     assert_eq!(asked, Ok(()));
     send(&mut run, &mut outcome, &clamping(0, all), 1);
-    // Its last ball comes again, with another hit.
-    send(&mut run, &mut outcome, &clamping(3, all)[10..], 1);
+    // Its last ball comes again, with one hit that is off.
+    let mut last = clamping(0, all)[2..].to_vec();
+    last[0].1[0][2] += 0.2;
+    send(&mut run, &mut outcome, &last, 1);
     assert!(run.taught().is_none());
     send(&mut run, &mut outcome, &clamping(0, all), 2);
     send(&mut run, &mut outcome, &clamping(1, all), 3);
