@@ -410,7 +410,7 @@ mod tests {
         }
     }
 
-    /// What each reviewer's nonsense is told.
+    /// What nonsense is told.
     #[test]
     fn nonsense_is_refused() {
         for (text, says) in [
