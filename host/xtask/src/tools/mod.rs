@@ -2,6 +2,7 @@
 
 pub mod browser;
 pub mod emulators;
+pub mod python;
 pub mod readers;
 pub mod referee;
 pub mod spelling;

@@ -7,7 +7,8 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 
-use crate::workspace::{Workspace, find_program, output};
+use crate::tools::python;
+use crate::workspace::{Workspace, output};
 
 /// LAS and LAZ, E57, Parquet: the releases that the tests were tried with.
 const PACKAGES: [&str; 4] = [
@@ -25,30 +26,16 @@ fn folder(workspace: &Workspace) -> PathBuf {
 
 /// Whether they are there and can be loaded.
 pub fn are_there(workspace: &Workspace) -> bool {
-    let python = folder(workspace).join("bin").join("python");
+    let python = python::interpreter(&folder(workspace));
     python.is_file() && output(workspace.command(python).args(["-c", TRY])).is_ok()
 }
 
 /// Installs them, if they are not there already.
 pub fn bring(workspace: &Workspace) -> Result<String> {
-    let folder = folder(workspace);
     if !are_there(workspace) {
-        if find_program("python3").is_none() {
-            bail!("no python3");
-        }
-        output(
-            workspace
-                .command("python3")
-                .args(["-m", "venv"])
-                .arg(&folder),
-        )?;
-        output(
-            workspace
-                .command(folder.join("bin").join("python"))
-                // What has no wheel for this Python is not compiled.
-                .args(["-m", "pip", "install", "--quiet", "--only-binary", ":all:"])
-                .args(PACKAGES),
-        )?;
+        // What has no wheel for this Python is not compiled.
+        let packages = [&["--only-binary", ":all:"], &PACKAGES[..]].concat();
+        python::install(workspace, &folder(workspace), &packages)?;
         if !are_there(workspace) {
             bail!("installed, but `{TRY}` fails");
         }

@@ -2,9 +2,10 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Result, bail};
+use anyhow::{Context as _, Result, bail};
 
-use crate::workspace::{Workspace, execute, find_program, output};
+use crate::tools::python;
+use crate::workspace::{Workspace, execute, find_program};
 
 const PROGRAM: &str = "typos";
 /// The release that is installed: a newer one may know more words.
@@ -20,22 +21,9 @@ pub fn find(workspace: &Workspace) -> Option<PathBuf> {
 /// seconds.
 pub fn bring(workspace: &Workspace) -> Result<String> {
     if find(workspace).is_none() {
-        if find_program("python3").is_none() {
-            bail!("no python3; or type: cargo install typos-cli --version {VERSION}");
-        }
-        let folder = folder(workspace);
-        output(
-            workspace
-                .command("python3")
-                .args(["-m", "venv"])
-                .arg(&folder),
-        )?;
-        output(
-            workspace
-                .command(folder.join("bin").join("python"))
-                .args(["-m", "pip", "install", "--quiet"])
-                .arg(format!("{PROGRAM}=={VERSION}")),
-        )?;
+        let package = format!("{PROGRAM}=={VERSION}");
+        python::install(workspace, &folder(workspace), &[&package])
+            .with_context(|| format!("or type: cargo install typos-cli --version {VERSION}"))?;
     }
     Ok(PROGRAM.to_owned())
 }

@@ -10,10 +10,11 @@ mod typed;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Context as _, Result};
 
 use self::figures::Figures;
 use crate::console;
+use crate::tools::python;
 use crate::workspace::{Workspace, execute, find_program, output};
 
 /// Measures openumi against its peers and writes the table of tests/bench/RESULTS.md.
@@ -150,27 +151,14 @@ fn by_python(workspace: &Workspace, data: &Path) -> Result<Vec<Figures>> {
 /// The Python that has SciPy, installed if need be.
 fn environment(workspace: &Workspace) -> Result<PathBuf> {
     let folder = workspace.target.join("bench").join("python");
-    let python = folder.join("bin").join("python");
+    let python = python::interpreter(&folder);
     let has_scipy = |python: &Path| {
         python.is_file() && output(workspace.command(python).args(["-c", "import scipy"])).is_ok()
     };
     if has_scipy(&python) {
         return Ok(python);
     }
-    if find_program("python3").is_none() {
-        bail!("no python3");
-    }
     console::progress("installing SciPy into the target directory");
-    output(
-        workspace
-            .command("python3")
-            .args(["-m", "venv"])
-            .arg(&folder),
-    )?;
-    output(
-        workspace
-            .command(&python)
-            .args(["-m", "pip", "install", "--quiet", "numpy", "scipy"]),
-    )?;
+    python::install(workspace, &folder, &["numpy", "scipy"])?;
     Ok(python)
 }
