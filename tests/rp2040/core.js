@@ -373,7 +373,7 @@ export class Core {
           const n = r[(op >> 3) & 7] & 0xff;
           const a = r[op & 7];
           if (n) c.C = n <= 32 && ((a >>> (n - 1)) & 1) === 1;
-          logic(c, (r[op & 7] = n < 32 ? a >>> n : 0));
+          logic(c, (r[op & 7] = n < 32 ? (a >>> n) | 0 : 0));
           break;
         }
         case ASRS_R: {

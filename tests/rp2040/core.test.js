@@ -134,6 +134,7 @@ test('shifts by a register by 0, 32 and more', () => {
   assert.deepEqual(shift(LSLS, 3, 32, false), [0, true]);
   assert.deepEqual(shift(LSLS, 3, 33, true), [0, false]);
   assert.deepEqual(shift(LSRS, 0x80000000, 0, false), [0x80000000, false]);
+  assert.equal(mine.rp.core.N, true);
   assert.deepEqual(shift(LSRS, 0x80000000, 32, false), [0, true]);
   assert.deepEqual(shift(LSRS, 0x80000000, 33, true), [0, false]);
   assert.deepEqual(shift(ASRS, 0x80000000, 0, false), [0x80000000, false]);
