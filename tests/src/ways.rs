@@ -507,6 +507,20 @@ fn ways() -> Vec<(&'static str, Vec<Step>)> {
             Step::Prints(announced(13, "", "") + &clamping(0)),
             Step::Reads(13),
         ]),
+        ("The same, taught anew with `T2.` in run 3, of whose line that asks one digit comes wrong; then in run 5, of which nothing comes", vec![
+            Step::Sets(Box::new(toml::from_str(&read("examples/three-spheres-run.toml")).expect("a job"))),
+            Step::Prints(announced(1, "T1.", "") + &clamping(0)),
+            Step::Prints(announced(2, "", "#532=1") + &clamping(1)),
+            Step::Reads(2),
+            Step::Prints(announced(3, "T2.", "").replace("A 8", "A 9") + &clamping(2)),
+            Step::Prints(announced(4, "", "#532=3") + &clamping(3)),
+            Step::Reads(4),
+            Step::Prints(announced(6, "", "#532=5") + &clamping(0)),
+            Step::Reads(6),
+            Step::Prints(announced(7, "T2.", "") + &clamping(1)),
+            Step::Prints(announced(8, "", "#532=7") + &clamping(2)),
+            Step::Reads(8),
+        ]),
     ]
 }
 

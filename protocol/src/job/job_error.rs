@@ -168,6 +168,11 @@ pub enum JobError {
         "what is in force was changed more often than the board's record can hold; wait two seconds, then set it again"
     )]
     TooOften,
+    /// A correction has characters that the control's tape code does not have.
+    #[error(
+        "`receiver.coding` is `eia`, which has no #, = or brackets, and the correction needs some (its dialect, or `guards.run_variable`): set the control to ISO or ASCII, or take `haas-e`, or `g10-g68` without `run_variable`"
+    )]
+    CodingLacks,
 }
 
 /// A field of a job, by its name in the file.

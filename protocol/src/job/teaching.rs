@@ -74,6 +74,9 @@ pub struct Lessons {
     pub doubt: Doubt,
     /// The first one's run.
     pub run: u32,
+    /// The run in which the control had last been asked to teach by a line, as far as the board has read of it; 0 where
+    /// the runs do not say it.
+    pub asked_in: u32,
 }
 
 /// Who has taught a setup, as long as it may not be the one that was meant but an old text that came late.
@@ -101,6 +104,7 @@ impl Lessons {
         feed_mm_per_min: 0.0,
         doubt: Doubt::None,
         run: 0,
+        asked_in: 0,
     };
 
     /// The smallest and the largest of a feature, by its place in the job.

@@ -24,7 +24,9 @@ pub enum TeachRefusal {
     #[error("there is a reference already: ask again with --again to replace it")]
     AlreadyTaught,
     /// A setup is being measured: ask before it begins.
-    #[error("a clamping is being measured: ask before it begins")]
+    #[error(
+        "a clamping is being measured: ask before it begins, or give it up: `umi teach --again`"
+    )]
     UnderWay,
     /// Nothing is taught that one more setup could add to.
     #[error("nothing is taught yet: ask without --more or --keep")]

@@ -756,6 +756,17 @@ pub enum Reason {
         /// The run that taught.
         run: u32,
     },
+    /// The control was asked to teach by a line that has not come: what is taught is older than what was meant.
+    #[error(
+        "the control was asked to teach in run {asked_in}, and the board has not read that: what it was taught before is not what was meant; teach again (`T2.`, or `umi teach --again`)"
+    )]
+    AskedInRun {
+        /// The run in which it was asked, as the control says it.
+        asked_in: u32,
+    },
+    /// A host asked to teach anew while the setup was measured.
+    #[error("it was given up: somebody asked to teach anew while it was measured")]
+    GivenUp,
 }
 
 /// Why a fit or a registration was refused.

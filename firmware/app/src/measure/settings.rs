@@ -9,10 +9,8 @@
 //! A board without a job says why: none was ever kept, another firmware kept it, it is damaged
 //! ([`JobLoss`]). The reason is in the journal and in the status until a job is set.
 //!
-//! # Limitations
-//!
-//! A newest entry that is damaged looks like one that a power cut tore: the settings before it
-//! count again. The journal's entry of the start says which job that is.
+//! What is newest stands there twice. An entry at the end that is damaged looks like one that a power cut tore; were it the
+//! only one, the settings before it would count again, and with them a reference that was forgotten.
 
 use heapless::Vec;
 use umi_core::job::Teaching;
@@ -118,8 +116,7 @@ impl<F: Flash> JobStore<F> {
         scratch: &mut [u8],
     ) -> Result<(), NotKept> {
         let payload = postcard::to_slice(&(KEY, sensor), scratch).map_err(|_| NotKept)?;
-        let kept = self.journal.append(SENSOR, now, payload);
-        kept.map(|_| ()).map_err(|_| NotKept)
+        self.append(SENSOR, now, payload)
     }
 
     /// Keeps these settings. After `Ok` they survive a power cut.
@@ -134,9 +131,15 @@ impl<F: Flash> JobStore<F> {
         scratch: &mut [u8],
     ) -> Result<(), NotKept> {
         let payload = postcard::to_slice(&(KEY, job, taught), scratch).map_err(|_| NotKept)?;
-        self.journal
-            .append(KIND, now, payload)
-            .map_err(|_| NotKept)?;
+        self.append(KIND, now, payload)
+    }
+
+    /// An entry, and the same once more. With the first one it is kept; a flash that fails in the second is told where
+    /// something is kept next.
+    fn append(&mut self, kind: u8, now: Micros, payload: &[u8]) -> Result<(), NotKept> {
+        let first = self.journal.append(kind, now, payload);
+        first.map_err(|_| NotKept)?;
+        let _ = self.journal.append(kind, now, payload);
         Ok(())
     }
 }
@@ -159,3 +162,6 @@ pub fn positions_mm(points: &[Point]) -> PlacesMm {
 pub fn points(positions: &[[f64; 3]]) -> Vec<Point, MAX_DATUMS> {
     positions.iter().map(|p| Point::from_array_mm(*p)).collect()
 }
+
+#[cfg(test)]
+mod tests;

@@ -315,6 +315,17 @@ pub const fn compares_runs(dialect: Dialect) -> bool {
     !matches!(dialect, Dialect::Grbl)
 }
 
+/// Whether the tape code EIA (RS-244), which has letters, digits and few signs, has all that a correction of this dialect is
+/// made of.
+#[must_use]
+pub const fn eia_carries(dialect: Dialect, compares: bool) -> bool {
+    match dialect {
+        Dialect::HaasVariables | Dialect::Grbl => true,
+        Dialect::G10G68 | Dialect::G68ThreeD => !compares,
+        _ => false,
+    }
+}
+
 /// Whether a rewritten part program can: those that are rewritten are of Fanuc's manner, or
 /// LinuxCNC's.
 #[must_use]

@@ -189,6 +189,33 @@ fn the_longest_program_fits() {
     }
 }
 
+/// What the job check says of the tape code EIA is so of each dialect, with the comparison of runs and without.
+#[test]
+fn eia_carries_what_it_is_said_to() {
+    for dialect in Dialect::ALL {
+        let mut spec = spec();
+        spec.dialect = dialect;
+        spec.set = dialect::form(dialect).set.map(|(_, last, _)| last);
+        let plan = plan(&spec, &RigidTransform::identity()).unwrap();
+        for run in [None, Some((531, 17))] {
+            let figures = Figures {
+                job: "three spheres_1",
+                setup: 3,
+                rms_mm: 0.0,
+                turn_deg: 0.0,
+                tilt_deg: 0.0,
+                run,
+            };
+            let text = write(&Cleared::if_no_reasons(0).unwrap(), &spec, &plan, &figures).unwrap();
+            let is_carried = text.bytes().all(|byte| {
+                crate::dprnt::encode(umi_protocol::pattern::Coding::Eia, byte).is_some()
+            });
+            let said = dialect::eia_carries(dialect, run.is_some());
+            assert_eq!(said, is_carried, "{dialect:?} {run:?}: {text}");
+        }
+    }
+}
+
 /// The run is compared for being another one, older or newer, before anything is set; where a dialect cannot, nothing of it
 /// stands there.
 #[test]

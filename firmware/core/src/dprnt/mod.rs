@@ -182,6 +182,8 @@ pub enum Said {
         offset: u16,
         /// X, Y, Z of it.
         origin: Point,
+        /// The run in which the control was last asked to teach, this one too; 0: it does not say.
+        asked_in: u32,
     },
     /// What else moves its coordinates (A9).
     Moved(Moved),

@@ -3,7 +3,7 @@
 
 use umi_protocol::job::{
     Approach, Closing, Compensation, CorrectionSpec, FeatureKind, FeatureSpec, Guards, Job, Limits,
-    MAX_DATUMS, MAX_HITS, Name, Reference, Teach, WitnessSpec,
+    MAX_DATUMS, MAX_HITS, Name, Reference, SendWhen, Teach, WitnessSpec,
 };
 use umi_protocol::job_error::{Field, JobError};
 use umi_protocol::latch::LatchReport;
@@ -76,6 +76,7 @@ pub fn check(job: &Job) -> Result<(), JobError> {
     if !job.receiver.patterns.iter().all(names_feature) {
         return Err(JobError::UnnamedFeatures);
     }
+    check_coding(job, correction)?;
     check_correction(correction)
 }
 
@@ -528,6 +529,15 @@ fn check_reference(job: &Job) -> Result<(), JobError> {
     registration::register(&positions, &positions)
         .map(|_| ())
         .map_err(|_| JobError::DegenerateReference)
+}
+
+/// Whether the control's tape code has all that the correction is made of.
+fn check_coding(job: &Job, spec: &CorrectionSpec) -> Result<(), JobError> {
+    let compares = job.guards.run_variable.is_some();
+    let is_carried = spec.send == SendWhen::Never
+        || job.receiver.coding != Coding::Eia
+        || correction::dialect::eia_carries(spec.dialect, compares);
+    is_carried.then_some(()).ok_or(JobError::CodingLacks)
 }
 
 fn check_correction(spec: &CorrectionSpec) -> Result<(), JobError> {

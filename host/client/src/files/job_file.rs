@@ -382,7 +382,9 @@ fn find(source: &str, job: &Job, error: &JobError) -> Option<Range<usize>> {
         }
         JobError::WitnessCompensation => key_span(table, "compensation"),
         JobError::NotOnThisBoard { field } => path_span(table, &path(*field)),
-        JobError::ParityMissing => path_span(table, &["receiver", "coding"]),
+        JobError::ParityMissing | JobError::CodingLacks => {
+            path_span(table, &["receiver", "coding"])
+        }
     }
 }
 

@@ -6,8 +6,7 @@
 //!
 //! # Limitations
 //!
-//! A configuration is written twice, so that damage at rest in one entry costs none; it may cost the
-//! greatest run the last step. If none can be read where something was, or the ring itself cannot be
+//! Each entry is written twice, so that damage at rest in one of them costs nothing. If none can be read where something was, or the ring itself cannot be
 //! opened, the board takes the strictest configuration and says so, until its owner has set another.
 //! A sector that reads as if it had never been begun is that of a new board; so is one in which a
 //! damaged ring was just begun anew, where power is cut before the owner has got the answer.
@@ -128,10 +127,8 @@ impl<F: Flash> Custody<F> {
         let payload = postcard::to_slice(&kept, &mut room).map_err(|_| NotInCustody)?;
         let ring = self.ring.open()?;
         ring.append(KIND, now, payload).map_err(|_| NotInCustody)?;
-        if kept.config != self.kept.config {
-            // Damage at rest in one of the two costs no ceiling. Without the second it is kept none the less.
-            let _ = ring.append(KIND, now, payload);
-        }
+        // Damage at rest in one of the two costs no ceiling, and no run. Without the second it is kept none the less.
+        let _ = ring.append(KIND, now, payload);
         self.kept = kept;
         self.is_fallback = false;
         Ok(())

@@ -16,7 +16,8 @@
 //! | C | check value | 4 decimals |
 //!
 //! A7, A8 and A9 carry no hit. A7 begins a run: B is the active work offset (1 G54 to 6 G59, from
-//! 101 on a further one), X Y Z are its values. A9 says what else moves the coordinates: B1 an
+//! 101 on a further one), X Y Z are its values, F the run in which the control was last asked to teach (T1. or T2.
+//! of O8811; 0 where it never was, or does not say). A9 says what else moves the coordinates: B1 an
 //! active rotation, F the tool length in force, X Y Z the external offset. A7 with T1 says by what
 //! the coordinates lie elsewhere than all these say: B is the active work offset once more, X Y Z
 //! the machine position less the work position less offset, external offset and tool length, as
@@ -280,6 +281,7 @@ fn read_fields(format: FieldFormat, cursor: &mut Cursor<'_>) -> Result<Outcome, 
                 0 => Said::Frame {
                     offset,
                     origin: point,
+                    asked_in: whole_of(&feed),
                 },
                 _ => Said::Shifted { offset, by: point },
             })
@@ -310,6 +312,14 @@ fn read_fields(format: FieldFormat, cursor: &mut Cursor<'_>) -> Result<Outcome, 
         ..Fields::default()
     };
     Ok(fields.into_point(Some(format)))
+}
+
+/// A run as it stands in F; 0 where that is none.
+fn whole_of(number: &Number) -> u32 {
+    match number.value {
+        value if (1.0..=99_999.0).contains(&value) && libm::trunc(value) == value => value as u32,
+        _ => 0,
+    }
 }
 
 fn label(cursor: &mut Cursor<'_>, letter: u8) -> Result<(), Issue> {

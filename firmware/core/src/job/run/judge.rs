@@ -80,6 +80,7 @@ impl Run {
             self.learned.feed_mm_per_min = self.feed_mm_per_min;
             self.learned.doubt = self.doubt;
             self.learned.run = self.run.unwrap_or(0);
+            self.learned.asked_in = self.asked_in();
             let learned = &self.learned;
             let places = &measured;
             out(Decision::Taught(Teaching { places, learned }));
@@ -184,6 +185,7 @@ impl Run {
         self.against_closing(job, verdict);
         self.against_step(job, verdict);
         self.against_unread(verdict);
+        self.against_lost_asking(verdict);
         let mut taught = false;
         let complete = measured.len() == place_count(job);
         let may_teach =

@@ -97,6 +97,7 @@ impl Run {
             }
             return Ok(());
         }
+        self.give_up(Reason::GivenUp, out);
         let again = what == TeachWhat::Again;
         self.asked = Asked { by, at: now, again };
         if by != TeachBy::Line && what != TeachWhat::More {
@@ -161,6 +162,32 @@ impl Run {
         }
     }
 
+    /// The run in which the control was last asked to teach, as the run under way says; 0: it does not.
+    pub(super) fn asked_in(&self) -> u32 {
+        self.frame.as_ref().map_or(0, |frame| frame.asked_in)
+    }
+
+    /// A line that asked to teach was read and refused, and what is taught stays: so it is not one that was lost.
+    pub(super) fn has_read_asking(&mut self, out: &mut impl FnMut(Decision<'_>)) {
+        let asked_in = self.asked_in();
+        if asked_in != self.learned.asked_in && self.taught().is_some() {
+            self.learned.asked_in = asked_in;
+            if let Some(taught) = self.taught() {
+                out(Decision::Taught(taught));
+            }
+        }
+    }
+
+    /// What is held against a setup whose run says that the control was asked to teach since the reference was taught: the
+    /// line that asked was lost, with its run or alone.
+    pub(super) fn against_lost_asking(&self, verdict: &mut Verdict) {
+        let asked_in = self.asked_in();
+        let is_known = asked_in == 0 || asked_in == self.learned.asked_in;
+        if !is_known && self.taught().is_some() {
+            setup::add(verdict, Reason::AskedInRun { asked_in });
+        }
+    }
+
     pub(super) fn is_taught_by_asking(&self) -> bool {
         self.job.get().is_some_and(|job| job.teach == Teach::Asked)
     }
@@ -183,7 +210,8 @@ impl Run {
         let is_taught = self.reference.is_some();
         match what {
             _ if !self.reference_is_taught() => Err(TeachRefusal::Given),
-            _ if self.is_under_way() => Err(TeachRefusal::UnderWay),
+            // Whoever asks anew gives up what is under way: a probing that was aborted does not end by itself for long.
+            _ if self.is_under_way() && what != TeachWhat::Again => Err(TeachRefusal::UnderWay),
             TeachWhat::Reference if is_taught => Err(TeachRefusal::AlreadyTaught),
             TeachWhat::More if job.guards.learned.is_none() => Err(TeachRefusal::NoLearned),
             TeachWhat::More | TeachWhat::Keep if !is_taught => Err(TeachRefusal::NotTaught),

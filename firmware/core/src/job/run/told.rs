@@ -14,6 +14,8 @@ use crate::units::{Micros, Point};
 pub(super) struct Frame {
     pub(super) offset: u16,
     pub(super) origin: Point,
+    /// The run in which the control was last asked to teach, as this run says; 0: it does not.
+    pub(super) asked_in: u32,
 }
 
 /// Whether a run comes after another one. Macros count from 1 to [`MOST_RUN`] and go on with 1:
@@ -50,9 +52,17 @@ impl Run {
         self.last_hit = now;
         self.enter_run(announced.run, out);
         match announced.said {
-            Said::Frame { offset, origin } => {
+            Said::Frame {
+                offset,
+                origin,
+                asked_in,
+            } => {
                 self.give_up(Reason::RunChanged, out);
-                self.frame = Some(Frame { offset, origin });
+                self.frame = Some(Frame {
+                    offset,
+                    origin,
+                    asked_in,
+                });
                 self.moved.clear();
                 self.shifted = None;
             }
@@ -74,6 +84,7 @@ impl Run {
                     }
                     self.next_setup();
                     self.hold_against(Reason::TaughtTwice);
+                    self.has_read_asking(out);
                     return;
                 }
                 let what = if again {
@@ -85,6 +96,7 @@ impl Run {
                 if let Err(TeachRefusal::AlreadyTaught) = taken {
                     self.next_setup();
                     self.hold_against(Reason::AlreadyTaught);
+                    self.has_read_asking(out);
                 }
             }
         }

@@ -46,7 +46,7 @@ RUN: then `umi teach --again`; a READ before the meant run begins counts, too). 
 Siemens and Heidenhain, which stop with that alarm and compare nothing, in EIA, by XMODEM, without
 `run_variable`, with `send = \"never\"`, and for programs that are read. umi info and umi watch say what was
 asked for and has not happened yet, by whom and since when. A board that starts anew has not been
-asked.
+asked. A clamping under way is given up by --again, and is NG.
 
 What a job holds against the taught clamping (`[guards.learned]`) is one sample of what probe and
 balls do. With --more each further clamping that is OK without those limits moves them to the

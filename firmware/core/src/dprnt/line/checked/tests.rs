@@ -61,23 +61,28 @@ fn a_line_that_teaches_says_whether_again() {
     }
 }
 
-/// A7 begins a run; with T1 it says by what the coordinates lie elsewhere than offsets say.
+/// A7 begins a run, and says in which one the control was last asked to teach; with T1 it says by what the coordinates lie elsewhere than offsets say.
 #[test]
 fn a_run_says_where_its_coordinates_lie() {
-    for touched in [0, 1] {
-        let mut values = [1, 1, 3, 7, touched, 0, 0, 0, 0].map(|value: i64| value * 10_000);
+    for (touched, asked_in) in [(0, 0), (0, 99_999), (1, 0)] {
+        let mut values = [1, 1, 3, 7, touched, asked_in, 0, 0, 0].map(|value: i64| value * 10_000);
         values[6..].copy_from_slice(&[1_230, 0, -45_000]);
         let check = check_value(&values);
         let (whole, part) = (check / 10_000, check % 10_000);
         let text = std::format!(
-            "UMI1 R1 S1 B3 A7 T{touched} F0.000 X0.123 Y0.000 Z-4.500 C{whole}.{part:04}"
+            "UMI1 R1 S1 B3 A7 T{touched} F{asked_in}.000 X0.123 Y0.000 Z-4.500 C{whole}.{part:04}"
         );
         let Outcome::Point(fields) = read(F53, text.as_bytes()) else {
             panic!("{text}");
         };
         let (offset, at) = (3, crate::units::Point::from_mm(0.123, 0.0, -4.5));
         let wanted = if touched == 0 {
-            Said::Frame { offset, origin: at }
+            let asked_in = u32::try_from(asked_in).unwrap();
+            Said::Frame {
+                offset,
+                origin: at,
+                asked_in,
+            }
         } else {
             Said::Shifted { offset, by: at }
         };

@@ -23,7 +23,11 @@ fn each_run_says_its_own_offset() {
         by: origin,
     };
     for said in [
-        Said::Frame { offset: 1, origin },
+        Said::Frame {
+            offset: 1,
+            origin,
+            asked_in: 0,
+        },
         Said::Moved(still),
         unshifted,
     ] {
@@ -61,7 +65,11 @@ fn a_moved_offset_is_named() {
         let mut outcome = Outcome::default();
         if offset > 0 {
             let origin = Point::from_mm(x, 0.0, 0.0);
-            let said = Said::Frame { offset, origin };
+            let said = Said::Frame {
+                offset,
+                origin,
+                asked_in: 0,
+            };
             let announced = Announced { run: 1, said };
             run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
         }
@@ -110,7 +118,11 @@ fn a_program_is_carried_from_where_it_is_probed() {
         };
         let (origin, by) = (at(12.0), at(shift));
         for said in [
-            Said::Frame { offset, origin },
+            Said::Frame {
+                offset,
+                origin,
+                asked_in: 0,
+            },
             Said::Moved(moved),
             Said::Shifted { offset, by },
         ] {
@@ -148,7 +160,15 @@ fn coordinates_that_no_offset_explains_are_named() {
             run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
         };
         let origin = at(0.0, 0.0);
-        say(&mut run, &mut outcome, Said::Frame { offset: 1, origin });
+        say(
+            &mut run,
+            &mut outcome,
+            Said::Frame {
+                offset: 1,
+                origin,
+                asked_in: 0,
+            },
+        );
         let moved = Moved {
             is_rotated: false,
             tool_length_mm: 0.0,
@@ -200,7 +220,11 @@ fn another_tool_length_than_taught_is_named() {
         };
         let by = origin;
         for said in [
-            Said::Frame { offset: 1, origin },
+            Said::Frame {
+                offset: 1,
+                origin,
+                asked_in: 0,
+            },
             Said::Moved(moved),
             Said::Shifted { offset: 1, by },
         ] {

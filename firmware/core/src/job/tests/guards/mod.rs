@@ -1,6 +1,7 @@
 //! What one setup alone cannot show, and the guards against it.
 
 mod again;
+mod asking;
 mod coordinates;
 mod runs;
 mod teaching;

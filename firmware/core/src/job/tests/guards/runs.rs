@@ -136,6 +136,7 @@ fn blocks_belong_to_the_run_before_them() {
         let frame = Said::Frame {
             offset: 1,
             origin: Point::from_mm(0.0, 0.0, 0.0),
+            asked_in: 0,
         };
         let unshifted = Said::Shifted {
             offset: 1,

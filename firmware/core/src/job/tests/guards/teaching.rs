@@ -94,6 +94,30 @@ fn what_is_to_be_taught_is_told() {
     assert_eq!(run.taught(), None);
 }
 
+/// A probing that was aborted does not end by itself for long: whoever asks to teach anew gives it up, and the next setup
+/// teaches.
+#[test]
+fn asking_anew_gives_up_what_is_under_way() {
+    let mut asked = with_ids(job());
+    asked.teach = Teach::Asked;
+    let mut run = Run::new(asked);
+    let mut outcome = Outcome::default();
+    says(&mut run, &mut outcome, 1, false);
+    send(&mut run, &mut outcome, &clamping(0, [1, 2, 3]), 1);
+    send(&mut run, &mut outcome, &clamping(1, [1, 2, 3])[..2], 2);
+    let mut asks = |what| run.teach(Micros(3), HOST, what, &mut |d| outcome.take(d));
+    let refused = Err(TeachRefusal::UnderWay);
+    assert_eq!(asks(TeachWhat::Reference), refused);
+    assert_eq!(asks(TeachWhat::Keep), refused);
+    assert_eq!(asks(TeachWhat::Again), Ok(()));
+    assert_eq!(run.taught(), None);
+    send(&mut run, &mut outcome, &clamping(2, [1, 2, 3]), 3);
+    let summary = outcome.summary();
+    assert!(summary[1].contains("given_up"), "{summary:?}");
+    assert_eq!((summary[0].as_str(), summary[2].as_str()), ("OK", "OK"));
+    assert!(run.taught().is_some());
+}
+
 /// A line asks for its own run: if nothing else of that comes, the next run teaches nothing.
 #[test]
 fn a_line_asks_for_its_own_run() {

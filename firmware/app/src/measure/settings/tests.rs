@@ -1,0 +1,142 @@
+extern crate std;
+use std::vec::Vec as List;
+
+use umi_core::journal::Geometry;
+use umi_protocol::job::{
+    Compensation, FeatureKind, FeatureSpec, Guards, Limits, Reference, SkipSpec, Teach, name,
+};
+use umi_protocol::pattern::ReceiverConfig;
+use umi_protocol::serial::LineSpec;
+
+use super::*;
+
+const SECTOR: usize = 16_384;
+const SECTORS: usize = 4;
+
+/// A flash in memory.
+struct Cells(List<u8>);
+
+impl Flash for Cells {
+    type Error = ();
+
+    fn geometry(&self) -> Geometry {
+        Geometry {
+            sectors: SECTORS as u16,
+            sector_size: SECTOR as u32,
+            write_size: 1,
+            page_size: 256,
+        }
+    }
+
+    fn read(&mut self, addr: u32, into: &mut [u8]) -> Result<(), ()> {
+        into.copy_from_slice(&self.0[addr as usize..][..into.len()]);
+        Ok(())
+    }
+
+    fn program(&mut self, addr: u32, bytes: &[u8]) -> Result<(), ()> {
+        let cells = &mut self.0[addr as usize..][..bytes.len()];
+        cells
+            .iter_mut()
+            .zip(bytes)
+            .for_each(|(cell, byte)| *cell &= byte);
+        Ok(())
+    }
+
+    fn erase(&mut self, sector: u32) -> Result<(), ()> {
+        self.0[sector as usize * SECTOR..][..SECTOR].fill(0xFF);
+        Ok(())
+    }
+}
+
+fn job(called: &str) -> Job {
+    let plane = FeatureSpec {
+        name: name("PLANE"),
+        id: None,
+        kind: FeatureKind::Plane,
+        hits: 9,
+        position_mm: None,
+        radius_mm: None,
+        approach: [].into_iter().collect(),
+        datum: true,
+    };
+    Job {
+        name: name(called),
+        reference: Reference::Taught,
+        teach: Teach::Asked,
+        plate_timeout_s: 1800,
+        receiver: ReceiverConfig::default(),
+        // As long as a job of some balls is.
+        features: core::iter::repeat_n(plane, 8).collect(),
+        compensation: Compensation::InMacro,
+        limits: Limits {
+            radius_error_mm: 0.03,
+            rms_mm: 0.015,
+            approach_deg: None,
+            lone_hit_mm: None,
+            distance_error_mm: 0.01,
+            registration_rms_mm: 0.005,
+            rotation_deg: 3.0,
+            tilt_deg: 0.01,
+            shift_mm: [60.0; 3],
+            expected_error_mm: None,
+        },
+        correction: None,
+        witness: None,
+        guards: Guards::default(),
+        line: LineSpec::default(),
+        skip: SkipSpec::default(),
+        again: None,
+    }
+}
+
+/// Whichever bit of what was kept last is wrong, what counts is that, or nothing: never a reference that was forgotten, nor
+/// the job before.
+#[test]
+fn one_wrong_bit_brings_nothing_back() {
+    let mut scratch = [0; 8192];
+    for fillers in [0, 9] {
+        let mut store = JobStore::open(Cells(std::vec![0xFF; SECTORS * SECTOR])).unwrap();
+        for _ in 0..fillers {
+            store
+                .save(Micros(0), &job("A"), None, &mut scratch)
+                .unwrap();
+        }
+        let mut places = PlacesMm::new();
+        places.push([1.0, 2.0, 3.0]).unwrap();
+        let taught = (places, Lessons::NONE);
+        store
+            .save(Micros(1), &job("B"), Some(&taught), &mut scratch)
+            .unwrap();
+        let before = store.journal.into_flash().0;
+        let mut store = JobStore::open(Cells(before.clone())).unwrap();
+        store
+            .save(Micros(2), &job("B"), None, &mut scratch)
+            .unwrap();
+        let after = store.journal.into_flash().0;
+        let (mut tried, mut refused) = (0, 0);
+        for at in 0..after.len() {
+            let is_header = at % SECTOR < 64 && after[at] != 0xFF;
+            if after[at] == before[at] && !is_header {
+                continue;
+            }
+            for bit in 0..8 {
+                let mut damaged = after.clone();
+                damaged[at] ^= 1 << bit;
+                tried += 1;
+                let found = JobStore::open(Cells(damaged));
+                match found.map(|mut store| store.load(&mut scratch)) {
+                    Ok(Ok((job, reference))) => {
+                        assert_eq!(
+                            (job.name.as_str(), reference),
+                            ("B", None),
+                            "byte {at}, bit {bit}"
+                        );
+                    }
+                    Ok(Err(_)) | Err(_) => refused += 1,
+                }
+            }
+        }
+        assert!(tried > 4000, "{tried}");
+        assert!(refused < tried / 10, "{refused} of {tried}");
+    }
+}
