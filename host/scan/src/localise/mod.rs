@@ -139,10 +139,10 @@ impl LocaliseTask<'_> {
                 ..located
             });
         }
-        let (motion, sigma) = (&found.fit.motion, found.fit.sigma_mm);
-        let mut located = self.finish(&surface, motion, sigma, found.symmetries)?;
-        located.chosen.search_mm = Some(found.cell_mm);
-        located.chosen.normals_mm = Some(scene::NORMALS * found.cell_mm);
+        let cell_mm = found.cell_mm;
+        let mut located = self.finish(&surface, found)?;
+        located.chosen.search_mm = Some(cell_mm);
+        located.chosen.normals_mm = Some(scene::NORMALS * cell_mm);
         Ok(located)
     }
 
@@ -221,24 +221,63 @@ impl LocaliseTask<'_> {
     }
 
     /// The end of a search or of a refinement. A pose that lies on few of the points of the part, and the rest of them for
-    /// strays, is seen by the size: another pose of the right size explains more. The end is begun anew from there then.
+    /// strays, is seen by the size: another pose of the right size explains more. The end is begun anew from there then, and
+    /// that pose is judged as what the search finds is. Where it is refused, so is the scan: the first one lies on fewer.
     fn finish(
         &self,
         surface: &CompositeSurface,
-        motion: &Pose,
-        sigma: f64,
-        symmetries: Vec<SymmetryAxis>,
+        found: verdict::Decided,
     ) -> Result<Located, ScanError> {
-        let (first, better) = self.finish_from(surface, motion, sigma, symmetries.clone())?;
+        let (motion, sigma) = (&found.fit.motion, found.fit.sigma_mm);
+        let (first, better) = self.finish_from(surface, motion, sigma, found.symmetries)?;
         let Some(better) = better else {
             return Ok(first);
         };
-        match self.finish_from(surface, &better, sigma, symmetries) {
+        let mut again = match self.finish_from(surface, &better, sigma, Vec::new()) {
             Ok((again, _)) if again.n_used > first.n_used && again.sigma_mm <= WORSE * sigma => {
-                Ok(again)
+                again
             }
-            _ => Ok(first),
+            _ => return Ok(first),
+        };
+        let corners = self.model.corners();
+        let moved_mm = again.motion.apart_mm(&first.motion, &corners);
+        if moved_mm < sigma {
+            // The same place: what judged the one has judged the other.
+            again.symmetries = first.symmetries;
+            return Ok(again);
         }
+        let mut others = found.all;
+        others.push(first.motion);
+        let fit = fit::Fit {
+            motion: again.motion,
+            sigma_mm: again.sigma_mm,
+            inliers: again.n_used,
+            worth: 0,
+        };
+        again.symmetries = verdict::again::judged(self, surface, fit, &others)?;
+        let (more, chance) =
+            verdict::rivals::advantage(&self.marked(&again.on), &self.marked(&first.on));
+        if more <= chance {
+            // So few more are no choice between the two: either may be the place.
+            again.certainty = again.certainty.off_by(moved_mm);
+            again.reasons = verdict_reasons(
+                &again,
+                &corners,
+                self.limit_mm,
+                self.scale_limit_ppm,
+                "part",
+            );
+        }
+        Ok(again)
+    }
+
+    /// Which of all points these are.
+    fn marked(&self, on: &[(usize, f64)]) -> Vec<bool> {
+        let mut marked = vec![false; self.points.len()];
+        for (i, _) in on {
+            marked[*i] = true;
+        }
+        marked
     }
 
     /// The search, or a refinement, has used some thousands of points: now the fit is to all on the part, or to [`MANY`] of

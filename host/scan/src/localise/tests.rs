@@ -66,6 +66,19 @@ pub(super) fn bracket() -> Mesh {
     prism(&outline, &[[0, 1, 2, 3], [0, 3, 4, 5]], 30.0, [8.0, 5.0])
 }
 
+/// The same, upright: a chip in its top leaves the sides where they are.
+fn straight() -> Mesh {
+    let outline = [
+        [0.0, 0.0],
+        [60.0, 0.0],
+        [60.0, 20.0],
+        [20.0, 20.0],
+        [20.0, 45.0],
+        [0.0, 45.0],
+    ];
+    prism(&outline, &[[0, 1, 2, 3], [0, 3, 4, 5]], 30.0, [0.0, 0.0])
+}
+
 fn block() -> Mesh {
     prism(
         &[[-30.0, -20.0], [30.0, -20.0], [30.0, 20.0], [-30.0, 20.0]],
@@ -401,6 +414,51 @@ fn a_face_that_is_worn_all_over() {
             }
         }
     }
+}
+
+/// A scan of the part where it is drawn, all around, with a chip of a tenth as many points on its top, 0.3 mm deep; and the
+/// fit to the chip, which is where the top is not.
+fn on_a_chip(part: &Mesh, seed: u64) -> (Vec<Vec3>, verdict::Decided) {
+    let mut random = Random(seed);
+    let sides = |n: &Vec3| n.z.abs() < 0.9;
+    let top = |n: &Vec3| n.z > 0.9;
+    let down = Pose {
+        translation_mm: Vec3::new(0.0, 0.0, -0.3),
+        ..Pose::identity()
+    };
+    let mut points = scan(part, 3000, 0.005, &Pose::identity(), &mut random, sides);
+    points.extend(scan(part, 1500, 0.005, &Pose::identity(), &mut random, top));
+    points.extend(scan(part, 150, 0.005, &down, &mut random, top));
+    let fit = fit::Fit {
+        motion: down,
+        sigma_mm: 0.005,
+        inliers: 0,
+        worth: 0,
+    };
+    (points, verdict::Decided::alone(fit))
+}
+
+/// A fit to a chip lies on fewer of the points than there are by the right size elsewhere: the end begins anew there, and that
+/// pose is held against its rivals as one that was found. A bracket has none; a block has three, which nobody had seen.
+#[test]
+fn where_the_end_begins_anew_it_is_judged_as_what_the_search_finds() {
+    let ended = |part: &Mesh, accept_symmetry| {
+        let (points, chip) = on_a_chip(part, 51);
+        let surface = CompositeSurface::from(part.clone());
+        LocaliseTask {
+            accept_symmetry,
+            ..task(part, &points)
+        }
+        .finish(&surface, chip)
+    };
+    let part = straight();
+    let found = ended(&part, false).unwrap();
+    let off_mm = found.motion.apart_mm(&Pose::identity(), &part.corners());
+    assert!(off_mm < 0.01 && found.reasons.is_empty(), "{off_mm}");
+    let error = ended(&block(), false).map(|_| ()).unwrap_err();
+    assert_eq!(error.code, "ambiguous", "{}", error.message);
+    let told = ended(&block(), true).unwrap();
+    assert_eq!(told.symmetries.len(), 3, "{:?}", told.symmetries);
 }
 
 /// A block with a pin is nearly its own mirror image. Where the search misses the part and finds the mirror image, which fits

@@ -115,7 +115,7 @@ fn coverage(runs: u64, kind: Kind, seed: u64) -> (f64, f64) {
         // The fit alone: that a start or a search leads to the right place is known.
         let near = task.near_start(&surface, &pose).unwrap();
         let found = task
-            .finish(&surface, &near.motion, near.sigma_mm, Vec::new())
+            .finish(&surface, super::super::verdict::Decided::alone(near))
             .unwrap();
         let turn = rotation_vector(&(pose.rotation * found.motion.rotation.transpose()));
         let shift = pose.translation_mm - found.motion.translation_mm;

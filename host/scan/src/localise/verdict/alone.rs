@@ -42,10 +42,15 @@ impl Judge<'_> {
                     return Ok(Decided {
                         fit: best,
                         symmetries: Vec::new(),
+                        all: fits.iter().map(|fit| fit.motion).collect(),
                         cell_mm: scene.cell_mm,
                     });
                 }
-                Rivals::Equal(axes, equal) => return self.alike(scene, &best, axes, &equal),
+                Rivals::Equal(axes, equal) => {
+                    let mut decided = self.alike(scene, &best, axes, &equal)?;
+                    decided.all.extend(fits.iter().map(|fit| fit.motion));
+                    return Ok(decided);
+                }
                 Rivals::Better(better) => best = better,
             }
         }
@@ -253,6 +258,7 @@ impl Judge<'_> {
             return Ok(Decided {
                 fit: best.clone(),
                 symmetries: axes,
+                all: Vec::new(),
                 cell_mm: scene.cell_mm,
             });
         }

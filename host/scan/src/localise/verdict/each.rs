@@ -201,7 +201,8 @@ mod tests {
     use super::*;
     use crate::localise::fiducials::{Fiducial, FiducialShape};
     use crate::localise::scans::{ScanAnswer, ScanQuestion, TakenScan};
-    use crate::localise::tests::{Random, bracket, scan};
+    use crate::localise::tests::{Random, bracket, scan, task};
+    use crate::localise::uncertainty::Group;
     use crate::parallel::Threads;
     use crate::rigid::rotation;
     use crate::surface::Mesh;
@@ -330,5 +331,91 @@ mod tests {
         };
         let (one, four) = (u(&scans[..1]), u(&scans));
         assert!(four > 0.9 * one && four < 1.1 * one, "{one} {four}");
+    }
+
+    /// What two scans say of the place of a bracket that the first one shows from all around. `second`: the other's points.
+    fn agreed(second: impl Fn(&Mesh, &mut Random) -> Vec<Vec3>) -> Result<(), ScanError> {
+        let part = bracket();
+        let mut random = Random(47);
+        let all = |_: &Vec3| true;
+        let first = scan(&part, 6000, 0.01, &Pose::identity(), &mut random, all);
+        let located = task(&part, &first).find().unwrap();
+        let second = second(&part, &mut random);
+        let scans = [("first.ply", first.clone()), ("second.ply", second)];
+        let scans = scans.map(|(name, points)| EachScan {
+            name,
+            points,
+            on_fiducials: Vec::new(),
+        });
+        let sure = Group {
+            at: Vec3::zeros(),
+            cov: nalgebra::Matrix6::identity() * 1e-12,
+            common: Vec::new(),
+        };
+        let groups = [sure.clone(), sure];
+        let of: Vec<usize> = vec![0; first.len()];
+        let both = LocaliseTask {
+            groups: Groups {
+                all: &groups,
+                of: &of,
+            },
+            ..task(&part, &first)
+        };
+        agree(&both, &scans, &located)
+    }
+
+    fn shifted(by: [f64; 3]) -> Pose {
+        moved(0.0, by)
+    }
+
+    /// The second scan shows the bracket's six sides alone, which lean, and the face of a chuck 2 mm below it: along the sides
+    /// the bracket slides onto the chuck, and has more points there. The chuck goes on beyond the bracket's edges.
+    #[test]
+    fn a_chuck_behind_the_end_of_a_part_contradicts_no_scan() {
+        let chuck = |part: &Mesh, random: &mut Random| {
+            let sides = |n: &Vec3| n.z.abs() < 0.9;
+            let mut points = scan(part, 4000, 0.01, &Pose::identity(), random, sides);
+            for _ in 0..12_000 {
+                let at = Vec3::new(
+                    random.next() * 110.0 - 25.0,
+                    random.next() * 90.0 - 25.0,
+                    -2.0,
+                );
+                points.push(at + random.vector() * 0.01);
+            }
+            points
+        };
+        assert_eq!(agreed(chuck).map_err(|e| e.message), Ok(()));
+        // A scan that has the part's own end 2 mm farther down contradicts.
+        let apart = |part: &Mesh, random: &mut Random| {
+            let by = shifted([-2.0 * 8.0 / 30.0, -2.0 * 5.0 / 30.0, -2.0]);
+            scan(part, 9000, 0.01, &by, random, |_| true)
+        };
+        let code = agreed(apart).map_err(|e| e.code);
+        assert_eq!(code, Err("scans_disagree"));
+    }
+
+    /// The second scan shows little of the bracket, and 130 mm off a body with more points that has a corner of it. Alone it
+    /// would be no place of the bracket, of which more must have been seen from wherever the corner is.
+    #[test]
+    fn a_body_with_a_corner_of_the_part_contradicts_no_scan() {
+        let with = |of_it: fn(&Vec3) -> bool| {
+            move |part: &Mesh, random: &mut Random| {
+                let mut points = scan(part, 400, 0.01, &Pose::identity(), random, |_| true);
+                let by = shifted([130.0, 20.0, 10.0]);
+                let body = scan(part, 9000, 0.01, &Pose::identity(), random, |_| true);
+                let body = body.iter().filter(|p| of_it(p));
+                points.extend(body.map(|p| by.point(p)));
+                points
+            }
+        };
+        let corner =
+            |p: &Vec3| p.x - p.z * 8.0 / 30.0 < 35.0 && p.y - p.z / 6.0 < 25.0 && p.z < 18.0;
+        assert_eq!(agreed(with(corner)).map_err(|e| e.message), Ok(()));
+        // The whole of another bracket there does.
+        assert_eq!(
+            agreed(with(|_| true)).map_err(|e| e.code),
+            Err("scans_disagree")
+        );
     }
 }

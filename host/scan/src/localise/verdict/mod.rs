@@ -1,6 +1,7 @@
 //! What the best fit is worth: whether it fits at all, whether another pose, a mirror image or another scale fits as well.
 
 mod account;
+pub(super) mod again;
 mod alone;
 pub(super) mod each;
 pub(super) mod flat;
@@ -33,8 +34,23 @@ use crate::surface::CompositeSurface;
 pub(super) struct Decided {
     pub fit: Fit,
     pub symmetries: Vec<SymmetryAxis>,
+    /// All that was found beside it, and itself.
+    pub all: Vec<Pose>,
     /// As [`Scene::cell_mm`] of the scan.
     pub cell_mm: f64,
+}
+
+#[cfg(test)]
+impl Decided {
+    /// A pose that nothing was searched beside.
+    pub fn alone(fit: Fit) -> Self {
+        Self {
+            fit,
+            symmetries: Vec::new(),
+            all: Vec::new(),
+            cell_mm: 0.0,
+        }
+    }
 }
 
 /// Poses that the search proposes, and those of them that are settled with few points, and refined.
@@ -128,16 +144,7 @@ pub(super) fn decide(
     };
     match worth {
         Worth::Bad => return Err(no_fit()),
-        Worth::Little(shown) => {
-            return Err(ScanError::refused(
-                "too_little_overlap",
-                format_args!(
-                    "the scan shows {:.1} % of the part's surface at best: too little to tell where it is; scan more of it",
-                    shown * 100.0
-                ),
-            )
-            .with("overlap", shown));
-        }
+        Worth::Little(shown) => return Err(too_little(shown)),
         Worth::Good => {}
     }
     let decided = judge.only_one(&scene, &fits);
@@ -167,6 +174,18 @@ pub(super) fn wrong_scale(factor: f64, unit: &'static str) -> ScanError {
     )
     .with("factor", factor)
     .with("unit", unit)
+}
+
+/// The refusal of a scan that shows this share of the part's surface.
+fn too_little(shown: f64) -> ScanError {
+    ScanError::refused(
+        "too_little_overlap",
+        format_args!(
+            "the scan shows {:.1} % of the part's surface at best: too little to tell where it is; scan more of it",
+            shown * 100.0
+        ),
+    )
+    .with("overlap", shown)
 }
 
 pub(super) fn no_fit() -> ScanError {
