@@ -254,7 +254,7 @@ impl LocaliseTask<'_> {
             inliers: again.n_used,
             worth: 0,
         };
-        again.symmetries = verdict::again::judged(self, surface, fit, &others)?;
+        again.symmetries = verdict::again::judged(self, surface, &fit, &others)?;
         let (more, chance) =
             verdict::rivals::advantage(&self.marked(&again.on), &self.marked(&first.on));
         if more <= chance {

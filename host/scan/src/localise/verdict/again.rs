@@ -17,18 +17,18 @@ use crate::surface::CompositeSurface;
 pub(in crate::localise) fn judged(
     task: &LocaliseTask<'_>,
     surface: &CompositeSurface,
-    fit: Fit,
+    fit: &Fit,
     others: &[Pose],
 ) -> Result<Vec<SymmetryAxis>, ScanError> {
     let judge = Judge::new(task, surface);
     let scene = Scene::new(task.model, &from_seed(task.points, task.seed), task.threads);
-    match judge.worth(&scene, &fit) {
+    match judge.worth(&scene, fit) {
         Worth::Bad => return Err(no_fit()),
         // Of a start it is not asked how much the scan shows.
         Worth::Little(shown) if task.start.is_none() => return Err(too_little(shown)),
         _ => {}
     }
-    let missed = judge.mirrored(&scene, Some(&fit))?;
+    let missed = judge.mirrored(&scene, Some(fit))?;
     let others = others.iter().map(|motion| Fit {
         motion: *motion,
         ..fit.clone()
@@ -38,13 +38,13 @@ pub(in crate::localise) fn judged(
         .chain(others)
         .collect();
     let decided = judge.only_one(&scene, &fits);
-    match &decided {
-        Ok(_) => judge.stands(&scene, &fit)?,
-        Err(error) if error.code == "ambiguous" => judge.stands(&scene, &fit)?,
-        Err(_) => {}
+    // As poses that are as good as each other: of a foreign part they are no answer either.
+    let is_answer = |error: &ScanError| error.code == "ambiguous";
+    if decided.as_ref().map_or_else(is_answer, |_| true) {
+        judge.stands(&scene, fit)?;
     }
     let decided = decided?;
-    if judge.is_new(std::slice::from_ref(&fit), &decided.fit.motion) {
+    if judge.is_new(std::slice::from_ref(fit), &decided.fit.motion) {
         // All points speak for the one, and those that tell the two apart for the other.
         return Err(ambiguous(
             &[],
