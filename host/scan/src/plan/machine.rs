@@ -74,6 +74,11 @@ pub struct AxesStand {
 }
 
 impl AxesStand {
+    /// Machine from part, and carriage from the sensor's frame.
+    pub(super) fn of(table: Pose, head: Pose) -> Self {
+        AxesStand { table, head }
+    }
+
     /// The beam in the part's frame.
     pub fn beam(&self) -> Vector3<f64> {
         -self.table.rotation.tr_mul(&self.head.rotation.column(2))

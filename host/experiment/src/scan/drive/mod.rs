@@ -24,7 +24,7 @@ use umi_scan::plan::spec::ScanSpec;
 use umi_scan::surface::Mesh;
 use umi_virtual::cell::Cell;
 use umi_virtual::nc::Alarm;
-use umi_virtual::scanner::{LineScanner, PulseFate, ScannerTally};
+use umi_virtual::scanner::{LineProfile, LineScanner, PulseFate, ScannerTally};
 
 /// Which language the control reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,6 +57,8 @@ pub struct DriveOptions {
     pub columns: u32,
     /// Standard deviation of a sample at normal incidence; it grows with 1/cos of the incidence.
     pub noise_um: f64,
+    /// The noise grows with this power of 1/cos of the incidence instead, along the sample's column.
+    pub noise_power: f64,
     /// Of the noise.
     pub seed: u64,
 }
@@ -168,7 +170,7 @@ pub fn drive(
     for ((shot, on), profile) in shots.iter().zip(seen.into_iter().flatten()) {
         if sensor.pulse(shot.at_us, shot.high_us) == PulseFate::Taken {
             lit += u64::from(*on);
-            let profile = sensor.noisy(profile);
+            let profile = sensor.noisy(grown(profile, options.noise_power));
             channel.extend(sensor.send(shot.at_us, 0, &profile));
         }
     }
@@ -181,6 +183,14 @@ pub fn drive(
         machine,
         scene: scene_text,
     })
+}
+
+/// The sensor's noise grows with the secant of the incidence: the power of the cosine stands for the cosine.
+fn grown(mut profile: LineProfile, power: f64) -> LineProfile {
+    for sample in profile.iter_mut().flatten() {
+        sample.cosine = sample.cosine.powf(power);
+    }
+    profile
 }
 
 fn collision(line: u32, text: &str, at: &[f64]) -> ScanError {

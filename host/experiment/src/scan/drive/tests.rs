@@ -16,6 +16,7 @@ const OPTIONS: DriveOptions = DriveOptions {
     interval_us: 25_000,
     columns: 33,
     noise_um: 0.0,
+    noise_power: 1.0,
     seed: 1,
 };
 

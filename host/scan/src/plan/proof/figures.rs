@@ -12,7 +12,7 @@ use super::super::machine::SensorPose;
 use super::super::mesh::PartMesh;
 use super::super::spec::ScanSpec;
 use super::cells::Cells;
-use super::samples::{SamplePoint, samples};
+use super::samples::{SAMPLES, SamplePoint, samples};
 use super::see::{Eye, SampleSights, Sight, SightDepth};
 use crate::parallel::Threads;
 
@@ -66,27 +66,53 @@ impl JudgedOverlap {
 }
 
 /// Points by which overlap is judged: more than the coverage of a small part needs.
+///
+/// The same strips are looked at once more by few points, as many as a judge who has no more would take. Short stretches are
+/// told by a handful of those, and by their outermost ones alone: a tenth told by one set of points is off by a hundredth
+/// or two of the line on a small ball. What holds, holds by both.
 pub struct OverlapPoints {
+    fine: Spread,
+    coarse: Spread,
+}
+
+/// Points spread evenly, and how far apart they lie.
+struct Spread {
     points: Vec<SamplePoint>,
     apart_mm: f64,
 }
 
-impl OverlapPoints {
-    /// Points on the whole part.
-    pub fn new(part: &PartMesh) -> Self {
-        let points = samples(part, OVERLAP_POINTS);
-        OverlapPoints {
+impl Spread {
+    fn new(part: &PartMesh, count: usize) -> Self {
+        let points = samples(part, count);
+        Spread {
             apart_mm: (part.surface.area_mm2() / points.len() as f64).sqrt(),
             points,
         }
     }
 
-    /// Those of them that lie on certain triangles.
-    pub fn on(&self, faces: &HashSet<u32>) -> Self {
+    fn on(&self, faces: &HashSet<u32>) -> Self {
         let points = self.points.iter().copied();
-        OverlapPoints {
+        Spread {
             points: points.filter(|p| faces.contains(&p.face)).collect(),
             apart_mm: self.apart_mm,
+        }
+    }
+}
+
+impl OverlapPoints {
+    /// Points on the whole part.
+    pub fn new(part: &PartMesh) -> Self {
+        OverlapPoints {
+            fine: Spread::new(part, OVERLAP_POINTS),
+            coarse: Spread::new(part, SAMPLES),
+        }
+    }
+
+    /// Those of them that lie on certain triangles.
+    pub fn on(&self, faces: &HashSet<u32>) -> Self {
+        OverlapPoints {
+            fine: self.fine.on(faces),
+            coarse: self.coarse.on(faces),
         }
     }
 
@@ -104,6 +130,28 @@ impl OverlapPoints {
         passes: &[&Pass],
         deadline: Deadline,
     ) -> Option<JudgedOverlap> {
+        let (mut judged, _) = self.fine.judge(spec, scenery, passes, deadline)?;
+        if !judged.holds() {
+            return Some(judged);
+        }
+        // These points may tell as much less as lies between two of them at either edge of a strip.
+        if let Some((_, Some(at_ends))) = self.coarse.judge(spec, scenery, passes, deadline) {
+            let may = RESOLUTION * self.coarse.apart_mm / spec.sensor.line_mm - judged.resolution;
+            judged.tenth = judged.tenth.min(at_ends + may);
+        }
+        Some(judged)
+    }
+}
+
+impl Spread {
+    /// The overlap by these points, and its tenth of those stretches alone where a neighbour reaches the end of a whole line.
+    fn judge(
+        &self,
+        spec: &ScanSpec,
+        scenery: &Scenery<'_>,
+        passes: &[&Pass],
+        deadline: Deadline,
+    ) -> Option<(JudgedOverlap, Option<f64>)> {
         let eye = Eye::new(&spec.sensor, scenery, &self.points);
         let seen = eye.see(passes, SightDepth::Range, Threads::all());
         let ends = strip_ends(spec, passes, &self.points, &seen, self.apart_mm);
@@ -120,13 +168,14 @@ impl OverlapPoints {
                 .collect(),
         );
         let Overlap { min, tenth, median } = told(widths)?;
-        Some(JudgedOverlap {
+        let judged = JudgedOverlap {
             wanted: spec.plan.overlap,
             min: if bare { 0.0 } else { min },
             tenth: at_ends.map_or(tenth, |at_ends| at_ends.min(tenth)),
             median,
             resolution: overlap_resolution(spec, self.apart_mm * self.apart_mm),
-        })
+        };
+        Some((judged, at_ends))
     }
 }
 

@@ -170,6 +170,28 @@ fn the_way_from_safety_has_a_part_in_the_choice_of_the_branch() {
     }
 }
 
+/// Of three rotations the one nearest to the sensor must stand at half a turn, at the far end of its limits: nowhere near
+/// that end does the beam meet the plate. Its courses were not laid then, only gaps filled: three strips, 0.1 apart.
+#[test]
+fn a_head_that_must_stand_at_half_a_turn_lays_its_strips_as_wanted() {
+    let plate = height_field([30.0, 20.0], 6, |_, _| 0.0);
+    let part = PartMesh::weld(plate, true).unwrap();
+    for limits in ["[-180, 180]", "[150, 180]"] {
+        let text = UNDER
+            .replace("[-180, 180]", limits)
+            .replace("overlap = 0.05", "overlap = 0.15");
+        let spec = spec(&text).unwrap();
+        assert_eq!(spec.plan.overlap, 0.15);
+        let plan = plan(&part, &[], &spec, options(false)).unwrap();
+        keeps(&plan, &spec);
+        let overlap = plan.figures.overlap.unwrap();
+        assert!(overlap.tenth >= 0.15, "{limits}: {overlap:?}");
+        assert!(verify(&part, &[], &spec, &plan.rows).holds, "{limits}");
+        // Two strips along the plate, or three across it.
+        assert!(plan.figures.scan_length_mm < 121.0, "{limits}");
+    }
+}
+
 /// Where the travel leaves no other way, the plan says so, and a program is refused by its name.
 #[test]
 fn a_path_that_no_program_comes_to_is_refused_by_name() {

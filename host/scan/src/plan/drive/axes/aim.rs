@@ -8,6 +8,9 @@ use super::super::super::map::flatten::across;
 use super::turned::{best_about, turned, within_or_limit};
 use super::{Driver, Tilt};
 
+/// Angles at which one of three rotations is held, where it cannot stand near zero.
+const HELD_STEPS: u32 = 24;
+
 impl Driver<'_> {
     /// Angles within their limits that bring the beam against a normal, as near as the axes can; the spindle at zero.
     fn aimed(&self, normal: &Vector3<f64>) -> Vec<Vec<f64>> {
@@ -50,7 +53,20 @@ impl Driver<'_> {
                 };
                 let found = branches::aim(&turns, &aim).branches;
                 let near = |set| within(set).or_else(|| at_limits(set));
-                found.iter().filter_map(near).collect()
+                let sets: Vec<Vec<f64>> = found.iter().filter_map(near).collect();
+                let [(_, first), _, _, ..] = aiming else {
+                    return sets;
+                };
+                if !sets.is_empty() {
+                    return sets;
+                }
+                // Of three rotations one is held, as near to zero as its limits are. It may have to stand elsewhere: a head
+                // below the part at half a turn, not at the end of its limits.
+                let [low, high] = first.limits_deg;
+                let held = |k: u32| low + (high - low) * f64::from(k) / f64::from(HELD_STEPS);
+                let steps = (0..=HELD_STEPS).map(held);
+                let held = steps.flat_map(|held| branches::with_held(&turns, &aim, 0, held));
+                held.filter_map(|set| within(&set)).collect()
             }
         }
     }

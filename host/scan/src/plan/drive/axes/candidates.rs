@@ -1,15 +1,20 @@
 //! The angles that are asked at each pose of a run.
 
 use nalgebra::Vector3;
+use umi_kinematics::Pose;
 use umi_kinematics::branches::{self, Aim, ChainRotation};
 
 use super::super::super::course::RunPoint;
-use super::turned::{best_about, turned, within_or_limit};
-use super::{Driver, RasterAngle, Stance, State, Tilt, angle_deg};
+use super::chain::Standing;
+use super::turned::{Onto, best_about, turned, within_or_limit};
+use super::{Angles, Driver, MOST_ANGLES, RasterAngle, Stance, State, angle_deg};
 
 /// Of the share of the line that does not lie across the way, against the square of a tilt in degrees: a strip that is
 /// narrower by a fiftieth is worth a lean of 9 degrees.
 const LINE_WEIGHT: f64 = 4000.0;
+
+/// Angles that are asked at a point, and the pose of an axis there that is known already.
+type Asked = (Angles, Option<(usize, Pose)>);
 
 impl Driver<'_> {
     /// Candidates at a point: angles that keep the tilt and the limits.
@@ -20,8 +25,8 @@ impl Driver<'_> {
         let beam = -(point.normal + lean).normalize();
         let line = (point.along.cross(&beam)).normalize() * if stance.turned { -1.0 } else { 1.0 };
         let line = turned(&beam, stance.line_askew_deg, &line);
-        let mut angles_found: Vec<Vec<f64>> = Vec::new();
-        let count = self.limits.len();
+        let mut asked: Vec<Asked> = Vec::new();
+        let none: Angles = [0.0; MOST_ANGLES];
         if !self.spindle && self.aiming.len() > 2 {
             // Three rotations hold beam and line exactly. What is beyond the travel is not among them.
             *room_mm = 0.0;
@@ -29,23 +34,27 @@ impl Driver<'_> {
                 self.machine
                     .inverse(&(point.at - beam * self.off(stance)), &beam, Some(&line))
             {
-                angles_found.extend(reached.solutions.iter().map(|axes| axes[3..].to_vec()));
+                asked.extend(reached.solutions.iter().map(|axes| {
+                    let mut angles = none;
+                    angles.iter_mut().zip(&axes[3..]).for_each(|(a, v)| *a = *v);
+                    (angles, None)
+                }));
             }
         } else {
             let u = self.machine.part_direction(&beam);
             let w = self.machine.mounted().0;
             match self.aiming.as_slice() {
-                [] => angles_found.push(vec![0.0; count]),
+                [] => asked.push((none, None)),
                 [(place, turn)] => {
-                    let mut angles = vec![0.0; count];
+                    let mut angles = none;
                     match best_about(&turn.direction, &u, &w) {
                         Some(a) => {
                             angles[*place] = within_or_limit(a, turn.limits_deg);
-                            angles_found.push(angles);
+                            asked.push((angles, None));
                         }
                         None => self.each_angle(turn, |a| {
                             angles[*place] = a;
-                            angles_found.push(angles.clone());
+                            asked.push((angles, None));
                         }),
                     }
                 }
@@ -66,20 +75,21 @@ impl Driver<'_> {
                     let aside = inner.direction.cross(&u);
                     let [still, by_cos, by_sin] =
                         [on_axis, off_axis, aside].map(|part| outer.direction.dot(&part));
-                    let mut add = |b: RasterAngle| {
+                    let onto = Onto::new(&outer.direction, &w);
+                    let mut add = |b: &RasterAngle| {
                         let along_outer = still + by_cos * b.cos + by_sin * b.sin;
                         if along_outer < least - 1e-12 || along_outer > most + 1e-12 {
                             return;
                         }
                         let v = on_axis + off_axis * b.cos + aside * b.sin;
-                        let a = best_about(&outer.direction, &v, &w).unwrap_or(0.0);
-                        let mut angles = vec![0.0; count];
+                        let a = onto.degrees(&v).unwrap_or(0.0);
+                        let mut angles = none;
                         // At its limit the beam may still be within the tilt.
                         angles[*first] = within_or_limit(a, outer.limits_deg);
                         angles[*second] = b.deg;
-                        angles_found.push(angles);
+                        asked.push((angles, Some((*second, b.pose))));
                     };
-                    self.raster.iter().copied().for_each(&mut add);
+                    self.raster.iter().for_each(&mut add);
                     let exact = branches::aim(
                         &[outer.clone(), inner.clone()],
                         &Aim {
@@ -88,37 +98,81 @@ impl Driver<'_> {
                         },
                     );
                     for set in exact.branches {
-                        add(RasterAngle::of(set[1]));
+                        add(&RasterAngle::of(&self.turners, *second, set[1]));
                     }
                 }
             }
         }
         let mut states = Vec::new();
-        for tilt in [self.wished, self.allowed] {
-            for angles in &angles_found {
-                let mut angles = angles.clone();
-                let wanted = [&beam, &line];
-                // Whole turns point the same way and cost the same.
-                if let Some(cost) = self.complete(&mut angles, point, stance, tilt, wanted, room_mm)
-                {
-                    self.whole_turns(angles, |angles| {
-                        states.push(State {
-                            angles,
-                            cost,
-                            best: f64::INFINITY,
-                            parent: 0,
-                        });
-                    });
-                }
+        let wanted = [&beam, &line];
+        // Those that lean beyond what is wished, and not beyond what is allowed.
+        let mut leant: Vec<&Asked> = Vec::new();
+        for each in &asked {
+            let standing = self.standing(each);
+            let beam = standing.axes().beam();
+            if self.wished.holds(&beam, &point.normal) {
+                self.add_states(
+                    each.0,
+                    &standing,
+                    point,
+                    stance,
+                    wanted,
+                    room_mm,
+                    &mut states,
+                );
+            } else if self.allowed.holds(&beam, &point.normal) {
+                leant.push(each);
             }
-            if !states.is_empty() {
-                break;
+        }
+        if states.is_empty() {
+            for each in leant {
+                let standing = self.standing(each);
+                self.add_states(
+                    each.0,
+                    &standing,
+                    point,
+                    stance,
+                    wanted,
+                    room_mm,
+                    &mut states,
+                );
             }
         }
         if let Some((place, _)) = self.aiming.last() {
             states.sort_by(|a, b| a.angles[*place].total_cmp(&b.angles[*place]));
         }
         states
+    }
+
+    fn standing(&self, (angles, known): &Asked) -> Standing {
+        let known = known.as_ref().map(|(place, pose)| (*place, pose));
+        self.turners.stand(angles, known)
+    }
+
+    /// Adds the states of some angles: one for each whole turn, since these point the same way and cost the same.
+    #[allow(clippy::too_many_arguments)]
+    fn add_states(
+        &self,
+        mut angles: Angles,
+        standing: &Standing,
+        point: &RunPoint,
+        stance: Stance,
+        wanted: [&Vector3<f64>; 2],
+        room_mm: &mut f64,
+        states: &mut Vec<State>,
+    ) {
+        let Some(cost) = self.complete(&mut angles, standing, point, stance, wanted, room_mm)
+        else {
+            return;
+        };
+        self.whole_turns(angles, |angles| {
+            states.push(State {
+                angles,
+                cost,
+                best: f64::INFINITY,
+                parent: 0,
+            });
+        });
     }
 
     /// Angles of a joint in steps well below the largest turn.
@@ -134,7 +188,7 @@ impl Driver<'_> {
     }
 
     /// The same pointing by whole turns of each aiming joint, within the limits.
-    fn whole_turns(&self, mut angles: Vec<f64>, mut each: impl FnMut(Vec<f64>)) {
+    fn whole_turns(&self, mut angles: Angles, mut each: impl FnMut(Angles)) {
         let turns = |angle: f64, [low, high]: [f64; 2]| {
             let first = ((low - 1e-9 - angle) / 360.0).ceil();
             let last = ((high + 1e-9 - angle) / 360.0).floor();
@@ -157,7 +211,7 @@ impl Driver<'_> {
             for set in &sets {
                 let (mut k, last) = turns(set[*place], turn.limits_deg);
                 while k <= last && more.len() < 64 {
-                    let mut other = set.clone();
+                    let mut other = *set;
                     other[*place] = within(set[*place] + 360.0 * k, turn.limits_deg);
                     more.push(other);
                     k += 1.0;
@@ -170,21 +224,18 @@ impl Driver<'_> {
         }
     }
 
-    /// Puts the spindle's angle in; the cost, or none where the tilt or the travel is exceeded.
+    /// Puts the spindle's angle in; the cost, or none where its limits or the travel are exceeded.
     fn complete(
         &self,
-        angles: &mut [f64],
+        angles: &mut Angles,
+        standing: &Standing,
         point: &RunPoint,
         stance: Stance,
-        tilt: Tilt,
         [wanted, line]: [&Vector3<f64>; 2],
         room_mm: &mut f64,
     ) -> Option<f64> {
-        let stand = self.machine.stand(angles);
+        let stand = standing.axes();
         let (beam, zero_line) = (stand.beam(), stand.line());
-        if !tilt.holds(&beam, &point.normal) {
-            return None;
-        }
         let off = angle_deg(&beam, wanted);
         let mut cost = off * off;
         let line_here = (line - beam * beam.dot(line)).try_normalize(1e-9)?;
@@ -207,8 +258,9 @@ impl Driver<'_> {
         }
         let x = if self.spindle {
             // The spindle carries the sensor's origin about.
-            self.machine
-                .carriage(&(point.at - beam * self.off(stance)), angles)
+            self.turners
+                .with_spindle(standing, angles[self.machine.turns()])
+                .carriage(&(point.at - beam * self.off(stance)))
         } else {
             stand.carriage(&(point.at - beam * self.off(stance)))
         };

@@ -6,15 +6,19 @@
 //!
 //! * `aim`: what the axes can point the beam at.
 //! * `candidates`: the angles that are asked at each pose.
+//! * `chain`: table and head for very many angles.
 //! * `smooth`: the steps of their raster are taken out.
 //! * `turned`: vectors about one axis.
 
 mod aim;
 mod candidates;
+mod chain;
 mod smooth;
 mod turned;
 
+use chain::Turners;
 use nalgebra::Vector3;
+use umi_kinematics::Pose;
 use umi_kinematics::branches::ChainRotation;
 
 use super::super::course::RunPoint;
@@ -66,10 +70,15 @@ pub struct Unreached {
     pub breaks: usize,
 }
 
-#[derive(Debug, Clone)]
+/// Table, head and spindle have so many rotations together at most: a specification with more is refused.
+const MOST_ANGLES: usize = 3;
+
+/// Table, head, S; what there is less of them stays at zero. Without a list of its own for each of very many.
+type Angles = [f64; MOST_ANGLES];
+
+#[derive(Debug, Clone, Copy)]
 struct State {
-    /// Table, head, S.
-    angles: Vec<f64>,
+    angles: Angles,
     cost: f64,
     best: f64,
     parent: usize,
@@ -106,6 +115,7 @@ pub struct Driver<'a> {
     aiming: Vec<(usize, ChainRotation)>,
     /// Angles of the last of them that are candidates at every pose, where it is the second.
     raster: Vec<RasterAngle>,
+    turners: Turners,
     limits: Vec<[f64; 2]>,
     spindle: bool,
     /// Leans that are sought first: they leave room for facets that differ from the smoothed normal.
@@ -145,18 +155,25 @@ const FACET_DEG: f64 = 0.6;
 /// Share of the tilt that is sought first at least, where it is small.
 const WISHED_SHARE: f64 = 0.8;
 
-/// An angle with its sine and cosine.
+/// An angle with its sine and cosine, and the axis' pose there.
 #[derive(Debug, Clone, Copy)]
 struct RasterAngle {
     deg: f64,
     sin: f64,
     cos: f64,
+    pose: Pose,
 }
 
 impl RasterAngle {
-    fn of(deg: f64) -> Self {
+    fn of(turners: &Turners, place: usize, deg: f64) -> Self {
         let (sin, cos) = deg.to_radians().sin_cos();
-        RasterAngle { deg, sin, cos }
+        let pose = turners.one(place, deg);
+        RasterAngle {
+            deg,
+            sin,
+            cos,
+            pose,
+        }
     }
 }
 
@@ -177,6 +194,7 @@ impl<'a> Driver<'a> {
                 })
                 .collect(),
             raster: Vec::new(),
+            turners: Turners::new(machine),
             limits: machine.limits()[3..].to_vec(),
             spindle: machine.line_by_spindle(),
             wished: Tilt::of((allowed - FACET_DEG).max(allowed * WISHED_SHARE)),
@@ -184,9 +202,11 @@ impl<'a> Driver<'a> {
             turn_deg: spec.plan.max_turn_deg * TURN_SHARE,
             deadline: None,
         };
-        if let [_, (_, inner)] = driver.aiming.as_slice() {
+        if let [_, (place, inner)] = driver.aiming.as_slice() {
             let mut raster = Vec::new();
-            driver.each_angle(inner, |b| raster.push(RasterAngle::of(b)));
+            driver.each_angle(inner, |b| {
+                raster.push(RasterAngle::of(&driver.turners, *place, b));
+            });
             driver.raster = raster;
         }
         driver
@@ -303,7 +323,8 @@ impl<'a> Driver<'a> {
         for (k, (x, y)) in a.iter().zip(b).enumerate() {
             let spindle = self.spindle && k == self.machine.turns();
             let mut d = (y - x).abs();
-            if spindle {
+            // Half a turn and less is the shorter way already.
+            if spindle && d > 180.0 {
                 d = (d - 360.0 * (d / 360.0).round()).abs();
             }
             if d > self.turn_deg {
@@ -327,6 +348,10 @@ impl<'a> Driver<'a> {
                 None => (0, before.len()),
             };
             for (k, b) in before.iter().enumerate().take(to).skip(from) {
+                // No step is cheaper than none: where that is no better, the step need not be known.
+                if b.best + s.cost >= s.best {
+                    continue;
+                }
                 if let Some(step) = self.step_cost(&b.angles, &s.angles) {
                     let cost = b.best + step + s.cost;
                     if cost < s.best {
@@ -357,7 +382,7 @@ impl<'a> Driver<'a> {
         };
         let mut rows = Vec::with_capacity(states.len());
         for layer in states.iter().rev() {
-            rows.push(layer[at].angles.clone());
+            rows.push(layer[at].angles[..self.limits.len().min(MOST_ANGLES)].to_vec());
             at = layer[at].parent;
         }
         rows.reverse();

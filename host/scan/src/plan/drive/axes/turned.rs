@@ -15,14 +15,37 @@ pub(super) fn within_or_limit(angle: f64, limits: [f64; 2]) -> f64 {
     })
 }
 
-/// Degrees about `axis` that bring v as near to w as can be; none where v lies on the axis.
-pub(super) fn best_about(axis: &Vector3<f64>, v: &Vector3<f64>, w: &Vector3<f64>) -> Option<f64> {
-    let a = v - axis * axis.dot(v);
-    let b = w - axis * axis.dot(w);
-    if a.norm() < 1e-9 || b.norm() < 1e-9 {
-        return None;
+/// Vectors to be brought as near to one vector as turning about an axis can.
+pub(super) struct Onto {
+    axis: Vector3<f64>,
+    /// That vector's part across the axis; none where it has none.
+    across: Option<Vector3<f64>>,
+}
+
+impl Onto {
+    pub(super) fn new(axis: &Vector3<f64>, w: &Vector3<f64>) -> Self {
+        let across = w - axis * axis.dot(w);
+        Onto {
+            axis: *axis,
+            across: (across.norm() >= 1e-9).then_some(across),
+        }
     }
-    Some(axis.dot(&a.cross(&b)).atan2(a.dot(&b)).to_degrees())
+
+    /// Degrees that bring v there; none where one of both lies on the axis.
+    pub(super) fn degrees(&self, v: &Vector3<f64>) -> Option<f64> {
+        let axis = &self.axis;
+        let a = v - axis * axis.dot(v);
+        if a.norm() < 1e-9 {
+            return None;
+        }
+        let b = self.across.as_ref()?;
+        Some(axis.dot(&a.cross(b)).atan2(a.dot(b)).to_degrees())
+    }
+}
+
+/// Degrees about `axis` that bring v as near to w as can be; none where one of both lies on the axis.
+pub(super) fn best_about(axis: &Vector3<f64>, v: &Vector3<f64>, w: &Vector3<f64>) -> Option<f64> {
+    Onto::new(axis, w).degrees(v)
 }
 
 /// A vector turned about an axis (Rodrigues).

@@ -75,9 +75,13 @@ pub(crate) struct Drive {
     #[arg(long, value_name = "N", default_value_t = 160,
           value_parser = clap::value_parser!(u32).range(2..=10_000))]
     columns: u32,
-    /// Standard deviation of a sample at normal incidence; it grows with 1/cos of the incidence; 0: no noise
+    /// Standard deviation of a sample at normal incidence; it grows with the incidence; 0: no noise
     #[arg(long, value_name = "UM", default_value_t = 5.0, value_parser = noise)]
     noise_um: f64,
+    /// The noise grows with this power of 1/cos of the incidence. It lies along the beam: with 1, the distances from the
+    /// surface do not grow; with 2, they grow with 1/cos
+    #[arg(long, value_name = "N", default_value_t = 1.0, value_parser = power)]
+    noise_power: f64,
     /// Of the noise
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
@@ -117,7 +121,7 @@ was driven: program.nc and the machine as scene.toml, for `umi machine run` and 
 
 With --json: `kind` \"scan_drive\", `machine_s`, `pulses`, `lit`, `profiles`, `paired`, `points`,
 `lost_frames`, `missed_latches`, `coverage` (share of the area with a point within
-`coverage_within_mm`), `noise_um`, `seed`, `deviations` as `umi scan compare`.
+`coverage_within_mm`), `noise_um`, `noise_power`, `seed`, `deviations` as `umi scan compare`.
 
 Examples:
   umi scan drive part.stl --spec spec.toml path.csv -o cloud.ply
@@ -142,6 +146,13 @@ fn noise(text: &str) -> Result<f64, String> {
     }
 }
 
+fn power(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(power) if (0.0..=4.0).contains(&power) => Ok(power),
+        _ => Err("0 to 4 are needed".into()),
+    }
+}
+
 /// What came of it.
 #[derive(Serialize)]
 struct Answer {
@@ -157,6 +168,7 @@ struct Answer {
     coverage: f64,
     coverage_within_mm: f64,
     noise_um: f64,
+    noise_power: f64,
     seed: u64,
     deviations: Deviations,
     warnings: Vec<String>,
@@ -257,6 +269,7 @@ impl Drive {
             interval_us: (self.every_ms * 1e3).round() as u32,
             columns: self.columns,
             noise_um: self.noise_um,
+            noise_power: self.noise_power,
             seed: self.seed,
         };
         let driven = drive(&spec, meshes(), &text, &options).map_err(failure)?;
@@ -412,6 +425,7 @@ impl Drive {
             coverage,
             coverage_within_mm: within,
             noise_um: self.noise_um,
+            noise_power: self.noise_power,
             seed: self.seed,
             deviations: found,
             warnings: merged
