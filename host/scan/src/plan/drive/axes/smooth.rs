@@ -3,6 +3,9 @@
 use super::super::super::course::RunPoint;
 use super::{Driver, Stance};
 
+/// B-splines of B-splines, as many as the limits allow: over a few poses to either side, so that steps of 2 degrees are gone.
+const ROUNDS: [usize; 3] = [60, 20, 6];
+
 impl Driver<'_> {
     /// Smooths as much as the largest turn and the travel allow.
     ///
@@ -23,7 +26,7 @@ impl Driver<'_> {
             .fold(f64::INFINITY, f64::min)
         };
         let mut least = f64::INFINITY;
-        for rounds in [30, 10, 3] {
+        for rounds in ROUNDS {
             let mut tried = rows.clone();
             self.smooth(&mut tried, points, rounds);
             let kept = tried.windows(2).all(|w| {
@@ -44,7 +47,9 @@ impl Driver<'_> {
         least
     }
 
-    /// Takes the steps of the candidates' raster out: each angle moves towards its neighbours' mean where that costs less.
+    /// Takes the steps of the candidates' raster out. An axis' angles are the control polygon of a uniform cubic B-spline, whose
+    /// values at its knots (a sixth, four sixths, a sixth) take their places; its ends stay. A pose that would lean too far
+    /// keeps its angle. The next round does the same with what is left.
     fn smooth(&self, rows: &mut [Vec<f64>], points: &[RunPoint], rounds: usize) {
         if self.aiming.is_empty() || (!self.spindle && self.aiming.len() > 2) || rows.len() < 3 {
             return;
@@ -61,17 +66,14 @@ impl Driver<'_> {
             return;
         }
         for _ in 0..rounds {
-            for k in 0..rows.len() {
-                for (p, turn) in &self.aiming {
-                    let mean = match (k.checked_sub(1), k + 1 < rows.len()) {
-                        (Some(b), true) => (rows[b][*p] + rows[k + 1][*p]) / 2.0,
-                        _ => continue,
-                    };
-                    let before = rows[k][*p];
-                    rows[k][*p] = (before + 0.5 * (mean - before))
-                        .clamp(turn.limits_deg[0], turn.limits_deg[1]);
+            for (p, turn) in &self.aiming {
+                let polygon: Vec<f64> = rows.iter().map(|row| row[*p]).collect();
+                let [low, high] = turn.limits_deg;
+                for (k, around) in (1..).zip(polygon.windows(3)) {
+                    let at_knot = (around[0] + 4.0 * around[1] + around[2]) / 6.0;
+                    rows[k][*p] = at_knot.clamp(low, high);
                     if leans_too_far(&rows[k], k) {
-                        rows[k][*p] = before;
+                        rows[k][*p] = around[1];
                     }
                 }
             }
