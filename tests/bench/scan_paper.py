@@ -7,6 +7,7 @@ rotary axes clamped, drives both paths on the virtual machine with the same sens
 for each. Takes minutes. The figures: tests/bench/PLAN.md.
 """
 
+import csv
 import json
 import math
 import subprocess
@@ -108,11 +109,8 @@ def weighed(cloud):
     across, along = 380.0 / CELLS, 650.0 / CELLS
     facets = {}
     with open(cloud) as file:
-        for line in file:
-            try:
-                x, y, found = map(float, line.split(",")[:3])
-            except ValueError:
-                continue
+        for row in csv.DictReader(file):
+            x, y, found = (float(row[name]) for name in ("x_mm", "y_mm", "z_mm"))
             u, v = (x + 190.0) / across, (y + 325.0) / along
             i, j = min(max(int(u), 0), CELLS - 1), min(max(int(v), 0), CELLS - 1)
             u, v = u - i, v - j

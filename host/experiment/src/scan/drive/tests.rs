@@ -6,10 +6,10 @@ use nalgebra::Vector3;
 use umi_kinematics::AxisChain;
 use umi_scan::plan::mesh::read_part;
 use umi_scan::plan::spec::ScanSpec;
-use umi_virtual::scanner::{LaserTarget as _, Optics};
+use umi_virtual::scanner::{LaserTarget as _, LineSample, Optics};
 
 use super::rig::{Parts, machine_file, machine_text, scanner, scene, scene_text};
-use super::{ControlLanguage, DriveOptions};
+use super::{ControlLanguage, DriveOptions, grown};
 
 const OPTIONS: DriveOptions = DriveOptions {
     dialect: ControlLanguage::Fanuc,
@@ -117,4 +117,19 @@ fn a_beam_meets_the_nearest_mesh() {
         meshes: vec![&part],
     };
     assert!(parts.beam(&from, &Vector3::z(), 100.0).is_none());
+}
+
+/// At 60 degrees: the secant is 2, its square 4. What the sensor does not see stays unseen.
+#[test]
+fn the_noise_grows_by_the_power_that_is_asked_for() {
+    let sample = LineSample {
+        x_mm: 1.0,
+        z_mm: -2.0,
+        cosine: 0.5,
+        is_false: false,
+    };
+    for (power, cosine) in [(0.0, 1.0), (1.0, 0.5), (2.0, 0.25)] {
+        let profile = grown(vec![None, Some(sample)], power);
+        assert_eq!(profile, [None, Some(LineSample { cosine, ..sample })]);
+    }
 }
