@@ -197,19 +197,10 @@ fn a_head_that_must_stand_at_half_a_turn_lays_its_strips_as_wanted() {
 fn a_path_that_no_program_comes_to_is_refused_by_name() {
     let plate = height_field([30.0, 20.0], 6, |_, _| 0.0);
     let part = PartMesh::weld(plate, true).unwrap();
-    let text = UNDER.replace("[-180, 180]", "[170, 180]");
-    let wide = spec(&text).unwrap();
-    let rows = plan(&part, &[], &wide, options(false)).unwrap().rows;
-    let scanning: Vec<&PathRow> = rows.iter().filter(|r| r.laser).collect();
-    // No more room in X and Y than the passes take.
-    let room = |k: usize| {
-        let values = || scanning.iter().map(|r| r.axes[k]);
-        let low = values().fold(f64::INFINITY, f64::min);
-        [low - 1.0, values().fold(low, f64::max) + 1.0]
-    };
-    let mut narrow = wide.clone();
-    narrow.machine.travel_mm[0] = room(0);
-    narrow.machine.travel_mm[1] = room(1);
+    let mut narrow = spec(&UNDER.replace("[-180, 180]", "[170, 180]")).unwrap();
+    // Room for some strips along the plate, and for nothing beside it.
+    narrow.machine.travel_mm[0] = [75.75, 107.75];
+    narrow.machine.travel_mm[1] = [0.0, 62.0];
     let plan = plan(&part, &[], &narrow, options(true)).unwrap();
     let warned = |w: &String| w.contains("nc_approach");
     assert!(
