@@ -139,7 +139,7 @@ mod tests {
                     .map(|axis| {
                         let angle = 360.0 * (f64::from(k) * 0.37 + 0.21 * axis as f64).sin();
                         // An axis at zero turns nothing: some stand there.
-                        if (k as usize + axis) % 5 == 0 {
+                        if (k as usize + axis).is_multiple_of(5) {
                             0.0
                         } else {
                             angle
@@ -148,8 +148,8 @@ mod tests {
                     .collect();
                 let places = 0..count;
                 let known: Vec<_> = places.map(|p| turners.one(p, angles[p])).collect();
-                for place in 0..count {
-                    let stand = turners.stand(&angles, Some((place, &known[place]))).axes();
+                for (place, pose) in known.iter().enumerate() {
+                    let stand = turners.stand(&angles, Some((place, pose))).axes();
                     let wanted = machine.stand(&angles);
                     assert_eq!(stand.beam(), wanted.beam());
                     assert_eq!(stand.line(), wanted.line());
