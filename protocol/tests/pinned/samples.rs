@@ -496,6 +496,7 @@ fn lessons() -> Lessons {
         feed_mm_per_min: 50.0,
         doubt: Doubt::Again,
         run: 7,
+        asked_in: 6,
     }
 }
 

@@ -243,3 +243,39 @@ fn another_work_offset_is_refused() {
         assert_eq!(ran.alarm.is_some(), is_refused, "{p} {stated}");
     }
 }
+
+/// The first line of a run says in which run the control was last asked to teach, this one too: so the board sees a request
+/// that it has not read.
+#[test]
+fn a_run_says_which_one_was_last_to_teach() {
+    for family in FAMILIES {
+        let [plain, teach, again] = match family {
+            Family::LinuxCnc => [
+                "O<UMI_START> CALL",
+                "O<UMI_START> CALL [1]",
+                "O<UMI_START> CALL [2]",
+            ],
+            _ => ["G65 P8811", "G65 P8811 T1.", "G65 P8811 T2."],
+        };
+        let body = [plain, teach, plain, again, plain, plain].join("\n");
+        let ran = run_text(
+            family,
+            BALL,
+            &format!("G21 G17 G40 G49 G80 G90 G94 G54\n{body}\n"),
+        );
+        assert_eq!(ran.alarm, None, "{family:?}");
+        let text = String::from_utf8_lossy(ran.bytes()).replace(' ', "");
+        let said: Vec<String> = text
+            .lines()
+            .filter(|line| line.contains("A7T0"))
+            .map(|line| {
+                let (run, rest) = line[5..].split_once('S').unwrap();
+                let (_, rest) = rest.split_once('F').unwrap();
+                let (asked_in, _) = rest.split_once('.').unwrap();
+                format!("{run} {asked_in}")
+            })
+            .collect();
+        let expected = ["1 0", "2 2", "3 2", "4 4", "5 4", "6 4"];
+        assert_eq!(said, expected, "{family:?}: {text}");
+    }
+}
