@@ -97,7 +97,6 @@ impl Run {
             }
             return Ok(());
         }
-        self.give_up(Reason::GivenUp, out);
         let again = what == TeachWhat::Again;
         self.asked = Asked { by, at: now, again };
         if by != TeachBy::Line && what != TeachWhat::More {
@@ -105,7 +104,13 @@ impl Run {
             self.doubt = Doubt::None;
             self.asked_elsewhere = true;
         }
-        self.next_setup();
+        if self.progress == Progress::UnderWay {
+            // Judged when another one begins: a host that asks has not the room in which a setup is judged.
+            self.hold_against(Reason::GivenUp);
+        } else {
+            self.collecting.clear();
+            self.next_setup();
+        }
         self.began_with = None;
         if what == TeachWhat::More {
             self.teaching = TeachingAct::Next(Lesson::More);
