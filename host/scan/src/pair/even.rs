@@ -30,19 +30,11 @@ pub(super) fn even_train(trains: &Trains, found: &[Option<usize>], advice: &str)
         .filter_map(|(place, &profile)| Some((place, (*found.get(profile)?)?)))
         .collect();
     let n = paired.len();
-    // Two moments on either side have no rhythm that could differ.
-    if n > 0 && n <= 2 && trains.sensor.len() <= 2 && trains.board.len() <= 2 {
-        let few = if n == 1 {
-            "a single profile and a single latch"
-        } else {
-            "two profiles and two latches"
-        };
-        return Some(format!(
-            "even_train: nothing tells that {few} belong together: the clocks have no common beginning, and so few have no \
-             rhythm. Scan more profiles than that, and {advice}"
-        ));
+    // One interval in common may be chance, however many are beside it.
+    if n > 0 && n <= 2 {
+        return Some(few_pairs(trains, n, advice));
     }
-    if n < 2 {
+    if n == 0 {
         return None;
     }
     let chance = 2 * gaps(trains, &paired);
@@ -80,6 +72,23 @@ pub(super) fn even_train(trains: &Trains, found: &[Option<usize>], advice: &str)
          the jitter and the drift. If as many of the first frames and of the last latches were lost (or the other way \
          round), all profiles are off by that, and nothing here shows it: {advice}"
     ))
+}
+
+/// The warning for one or two pairs.
+fn few_pairs(trains: &Trains, pairs: usize, advice: &str) -> String {
+    let (profiles, latches) = (trains.sensor.len(), trains.board.len());
+    let few = match (pairs, profiles.max(latches)) {
+        (1, 1) => "a single profile and a single latch belong together: the clocks have no common beginning, and so few have no \
+                   rhythm"
+            .to_owned(),
+        (1, _) => format!("one pair of {profiles} profiles and {latches} latches belongs together: one moment has no rhythm"),
+        (_, 2) => "two profiles and two latches belong together: the clocks have no common beginning, and so few have no rhythm"
+            .to_owned(),
+        _ => format!(
+            "two pairs of {profiles} profiles and {latches} latches belong together: one interval that agrees may be chance"
+        ),
+    };
+    format!("even_train: nothing tells that {few}. Scan more profiles than that, and {advice}")
 }
 
 /// Whether more than `most` of some profiles have no latch near the line through these pairs: those at both ends, and
@@ -261,7 +270,7 @@ mod tests {
         assert_eq!(said(0, |i| 10 * i, Some(|i| 1000 * i + 7 * i * i)), None);
     }
 
-    /// One or two moments on either side have no rhythm; two profiles among three latches that are uneven have.
+    /// One or two pairs are told, whatever is beside them: of the intervals of uneven latches some other may be as long.
     #[test]
     fn one_or_two_pairs_tell_nothing() {
         let told = |sensor_us: &[f64], board_us: &[i64], found: &[Option<usize>]| {
@@ -280,7 +289,21 @@ mod tests {
             "{two}"
         );
         let uneven = [700, 1100, 2000];
-        assert_eq!(told(&[500.0, 900.0], &uneven, &[Some(0), Some(1)]), None);
+        let of_three = told(&[500.0, 900.0], &uneven, &[Some(0), Some(1)]).unwrap();
+        assert!(
+            of_three.contains("two pairs of 2 profiles and 3 latches"),
+            "{of_three}"
+        );
+        let more = [500.0, 900.0, 7000.0, 9400.0];
+        let of_four = told(&more, &uneven, &[Some(0), Some(1), None, None]);
+        assert!(of_four.is_some_and(|text| text.contains("may be chance")));
+        // Three that are uneven have a rhythm.
+        let three = told(
+            &[500.0, 900.0, 1800.0],
+            &uneven,
+            &[Some(0), Some(1), Some(2)],
+        );
+        assert_eq!(three, None);
     }
 
     /// Some of the first frames and as many of the last latches are lost of a train whose intervals (µs) are not quite

@@ -20,6 +20,7 @@
 
 mod apart;
 mod clock;
+mod encoder;
 mod even;
 mod jump;
 mod margin;
@@ -79,7 +80,7 @@ pub struct ScanPairing {
     pub restarts: Vec<u64>,
     /// Numbers of latches without a profile.
     pub unpaired_triggers: Vec<u64>,
-    /// Numbers that are missing between the first and the last of the frame counter.
+    /// Numbers that are missing between the first and the last of the frame counter, of each of its starts by itself.
     pub lost_frames: u64,
     /// Latches that the table says are missing.
     pub missed_latches: u64,
@@ -117,7 +118,7 @@ pub fn pair(
             explained,
             runner_up,
         } => {
-            let why = jump::back(&streams);
+            let why = jump::back(&streams).or_else(|| encoder::is_why(&streams, explained));
             return Err(ambiguous(why.unwrap_or_else(|| {
                 format!(
                     "of {stamps_seen} profiles one shift of the clocks explains {explained}, another {runner_up}, and the \
@@ -188,7 +189,8 @@ pub fn pair(
     if options.strict {
         refuse_faults(&pairing, triggers, even.as_deref())?;
     }
-    let odd = jump.map(|jump| jump.text);
+    let explained = of_all.iter().flatten().count();
+    let odd = encoder::is_why(&streams, explained).or(jump.map(|jump| jump.text));
     pairing
         .warnings
         .extend(odd.or_else(|| reach.apart(&streams)));
@@ -274,8 +276,13 @@ fn answer(
     if !frames.renumbered.is_empty() {
         warnings.push(format!(
             "frame_counter: {} profiles are left out because their frame number was there before, at another time: the \
-             counter wrapped (give --frame-bits) or started anew (give --counter-restarts)",
-            frames.renumbered.len()
+             counter wrapped (give --frame-bits) or started anew (give --counter-restarts){}",
+            frames.renumbered.len(),
+            if frames.restarts.is_empty() {
+                ""
+            } else {
+                "; frames that were lost about that moment are not counted"
+            }
         ));
     } else if let Some(first) = frames.restarts.first() {
         warnings.push(format!(
@@ -331,6 +338,9 @@ fn no_match(streams: &Streams<'_>, reach: &Reach) -> ScanError {
         options.drift_ppm
     );
     why += &left_out(frames);
+    if let Some(encoder) = encoder::is_why(streams, 0) {
+        return ScanError::refused("no_match", format!("{why}; {encoder}"));
+    }
     if let Some(bad) = bad_clock(frames, options.jitter_us) {
         why += &format!(
             "; {bad}. The frame counter cannot stand for the times: it counts frames, and nobody knows to which pulse the first \

@@ -109,6 +109,21 @@ impl<'a> Streams<'a> {
         })
     }
 
+    /// The same, with nothing but the clocks; none where there is nothing else.
+    pub fn without_encoder(&self) -> Option<Self> {
+        self.counters.as_ref()?;
+        Some(Self {
+            counters: None,
+            ..*self
+        })
+    }
+
+    /// The sensor's encoder at a profile and the board's counts at a latch.
+    pub fn encoder_and_counts(&self, profile: usize, latch: usize) -> Option<(i64, i64)> {
+        let (encoders, counts) = self.counters.as_ref()?;
+        Some((*encoders.get(profile)?, *counts.get(latch)?))
+    }
+
     /// What makes an even train tell where it is.
     pub fn advice(&self) -> String {
         let uneven = match self.triggers.cause {

@@ -1,6 +1,6 @@
 //! Duplicates and losses, by the sensor's frame counter.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeSet, HashMap, HashSet};
 
 use super::Stamp;
 
@@ -21,7 +21,7 @@ pub struct Frames {
     /// Profiles that are later than all before them and have a lower number than the latest: with them the counter
     /// started anew.
     pub restarts: Vec<u64>,
-    /// Numbers between the counter's first and last that no profile has.
+    /// Numbers between the counter's first and last that no profile has; each start of the counter has its own first and last.
     pub lost_frames: u64,
 }
 
@@ -67,7 +67,9 @@ pub fn sort_out(stamps: &[Stamp], counter: FrameCounter) -> Frames {
     // What the counter shows less the number of the frame, since each start of it.
     let mut bases: Vec<i128> = vec![0];
     let mut last: Option<(i128, f64)> = None;
-    let mut ends: Option<(i128, i128)> = None;
+    // All numbers with their times, and when the counter started anew.
+    let mut counted: Vec<(i128, f64)> = Vec::with_capacity(stamps.len());
+    let mut starts: Vec<f64> = Vec::new();
     let mut earliest_us = f64::INFINITY;
     for (place, stamp) in stamps.iter().enumerate() {
         let shown = i128::from(stamp.frame);
@@ -121,6 +123,7 @@ pub fn sort_out(stamps: &[Stamp], counter: FrameCounter) -> Frames {
             (_, Some((latest, latest_us))) => {
                 if shown < latest && is_later(latest_us) {
                     frames.restarts.push(stamp.profile);
+                    starts.push(stamp.t_us);
                 }
                 shown
             }
@@ -131,6 +134,7 @@ pub fn sort_out(stamps: &[Stamp], counter: FrameCounter) -> Frames {
             last = Some((number, stamp.t_us));
         }
         earliest_us = earliest_us.min(stamp.t_us);
+        counted.push((number, stamp.t_us));
         if let Some(first_us) = first_times.get(&number) {
             frames.duplicates.push(stamp.profile);
             if (stamp.t_us - first_us).abs() > SAME_TIME_US {
@@ -141,15 +145,42 @@ pub fn sort_out(stamps: &[Stamp], counter: FrameCounter) -> Frames {
         first_times.insert(number, stamp.t_us);
         frames.stamps.push(*stamp);
         frames.numbers.push(number);
-        let (least, most) = ends.unwrap_or((number, number));
-        ends = Some((least.min(number), most.max(number)));
     }
-    if let Some((least, most)) = ends {
-        let missing = most - least + 1 - frames.stamps.len() as i128;
-        frames.lost_frames = u64::try_from(missing).unwrap_or(u64::MAX);
-    }
+    frames.lost_frames = missing(&counted, &starts);
     take_again(&mut frames, &first_times, again);
     frames
+}
+
+/// The numbers that are missing between the first and the last of each run of the counter. What was lost about the moment
+/// that it started anew nothing tells.
+fn missing(counted: &[(i128, f64)], starts: &[f64]) -> u64 {
+    let mut runs: Vec<BTreeSet<i128>> = vec![BTreeSet::new(); starts.len() + 1];
+    for &(number, t_us) in counted {
+        // What came again late is of the run that it was seen in. Times of runs rise.
+        let run = starts.partition_point(|start| *start <= t_us + SAME_TIME_US);
+        runs[run].insert(number);
+    }
+    let mut all: Vec<BTreeSet<i128>> = Vec::with_capacity(runs.len());
+    for run in runs {
+        let Some(before) = all.last_mut() else {
+            all.push(run);
+            continue;
+        };
+        // One number that was there before, and then the next ones as if nothing had been: a repetition with a wrong time.
+        let goes_on = before.last().is_some_and(|latest| {
+            let (old, new): (Vec<i128>, Vec<i128>) = run.iter().partition(|n| *n <= latest);
+            !new.is_empty() && old.iter().all(|n| before.contains(n))
+        });
+        if goes_on {
+            before.extend(run);
+        } else {
+            all.push(run);
+        }
+    }
+    let sum: i128 = (all.iter())
+        .filter_map(|run| Some(run.last()? - run.first()? + 1 - run.len() as i128))
+        .sum();
+    u64::try_from(sum).unwrap_or(u64::MAX)
 }
 
 /// So many frames about one say when it was, of as many numbers before and behind it.
@@ -383,6 +414,39 @@ mod tests {
         ];
         let frames = sort_out(&stamps(&seen), FrameCounter::Restarts);
         assert_eq!((frames.restarts, frames.duplicates), (vec![4], vec![]));
+    }
+
+    /// Without the width of a counter that wraps, or word that it starts anew, each of its runs is counted by itself: what
+    /// lies between the old numbers and the new ones was not lost.
+    #[test]
+    fn losses_are_counted_within_each_run_of_the_counter() {
+        let lost = |frames: &[u64]| {
+            let seen: Vec<(u64, f64)> = (frames.iter().enumerate())
+                .map(|(i, frame)| (*frame, 100.0 * i as f64))
+                .collect();
+            let frames = sort_out(&stamps(&seen), FrameCounter::Rises);
+            (frames.lost_frames, frames.restarts.len())
+        };
+        // 16 bits, a hundred frames, one lost behind the wrap; one before; none.
+        let wraps = |i: u64| (65_500 + i) % 65_536;
+        let without = |lost: &[u64]| -> Vec<u64> {
+            (0..100).filter(|i| !lost.contains(i)).map(wraps).collect()
+        };
+        assert_eq!(lost(&without(&[50])), (1, 1));
+        assert_eq!(lost(&without(&[10, 11, 60])), (3, 1));
+        assert_eq!(lost(&without(&[])), (0, 1));
+        // From 1000 and from a million on, and then anew from 0; the third start, with losses in each part.
+        let anew = |from: u64| -> Vec<u64> {
+            (0..100)
+                .map(|i| if i < 50 { from + i } else { i - 50 })
+                .collect()
+        };
+        assert_eq!(lost(&anew(1000)), (0, 1));
+        assert_eq!(lost(&anew(1_000_000)), (0, 1));
+        assert_eq!(lost(&anew(0)), (0, 1));
+        assert_eq!(lost(&[10, 12, 13, 1, 2, 5, 0, 1, 2, 3, 9]), (1 + 2 + 5, 2));
+        // A frame that comes again with a wrong time starts nothing, and what was lost about it counts.
+        assert_eq!(lost(&[1, 2, 3, 5, 2, 6, 7, 9]).0, 2);
     }
 
     #[test]

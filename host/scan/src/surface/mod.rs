@@ -8,6 +8,8 @@ mod nearest;
 mod outward;
 mod ray;
 mod shapes;
+#[cfg(test)]
+mod sign_tests;
 mod stl;
 #[cfg(test)]
 mod tests;

@@ -2,7 +2,6 @@
 
 use super::facets::Facet;
 use super::mesh::Mesh;
-use super::triangle::Triangle;
 use crate::rigid::Vec3;
 
 /// What a surface is to a point near it.
@@ -20,9 +19,20 @@ struct Best {
     low: f64,
     /// What a distance may be, squared, to be as near.
     limit: f64,
+    /// Of the triangle that looks most along the difference, among all that are as near.
     cosine: f64,
     off: Vec3,
     face: u32,
+    /// The nearest of all, to the last bit.
+    nearest: Nearest,
+}
+
+/// The nearest triangle: its number, the difference to its nearest point, and whether that lies within it.
+#[derive(Clone, Copy)]
+struct Nearest {
+    face: u32,
+    off: Vec3,
+    within: bool,
 }
 
 /// Squared distances that differ by less are one: 5e-10 mm of the distance itself.
@@ -34,8 +44,8 @@ fn tie(low: f64) -> f64 {
 const NONE: u32 = u32::MAX;
 
 impl Mesh {
-    /// The surface nearest to `q`. Where several triangles are nearest (an edge, a corner), the sign is that of the one
-    /// that looks most along the difference.
+    /// The surface nearest to `q`. Where several triangles are nearest (an edge, a corner), all of them say the sign; where
+    /// the surface is open, the one that looks most along the difference.
     #[must_use]
     pub fn near(&self, q: &Vec3) -> Near {
         self.near_from(q, 0)
@@ -63,6 +73,11 @@ impl Mesh {
             cosine: 0.0,
             off: Vec3::zeros(),
             face: NONE,
+            nearest: Nearest {
+                face: NONE,
+                off: Vec3::zeros(),
+                within: false,
+            },
         };
         let hint = facets.places.get(hint).map_or(0, |place| *place as usize);
         best.consider(&facets.all[hint], q);
@@ -72,7 +87,7 @@ impl Mesh {
             }
             best.limit
         });
-        (best.face != NONE).then(|| best.near(&self.triangles))
+        (best.face != NONE).then(|| best.near(self, q))
     }
 }
 
@@ -91,24 +106,48 @@ impl Best {
             self.off = off;
             self.face = facet.face;
         }
+        let nearest = &mut self.nearest;
+        if nearest.face == NONE
+            || squared < self.low
+            || squared == self.low && facet.face < nearest.face
+        {
+            *nearest = Nearest {
+                face: facet.face,
+                off,
+                within,
+            };
+        }
         if squared < self.low || self.low == self.limit {
             self.low = self.low.min(squared);
             self.limit = self.low + tie(self.low);
         }
     }
 
-    fn near(&self, triangles: &[Triangle]) -> Near {
+    fn near(&self, mesh: &Mesh, q: &Vec3) -> Near {
         let distance = self.low.sqrt();
-        let sign = if self.cosine < 0.0 { -1.0 } else { 1.0 };
+        let sign = if self.along(mesh, q) < 0.0 { -1.0 } else { 1.0 };
         let face = self.face as usize;
         Near {
             distance_mm: distance * sign,
             direction: if distance > 1e-12 {
                 self.off * (sign / distance)
             } else {
-                triangles[face].normal
+                mesh.triangles[face].normal
             },
             face,
         }
+    }
+
+    /// Of the sign of how far outside the point is.
+    fn along(&self, mesh: &Mesh, q: &Vec3) -> f64 {
+        let Nearest { face, off, within } = self.nearest;
+        if within {
+            return match mesh.triangles.get(face as usize) {
+                Some(triangle) => off.dot(&triangle.normal),
+                None => self.cosine,
+            };
+        }
+        let outward = mesh.facets.outward_at_border(&mesh.triangles, face, q);
+        outward.map_or(self.cosine, |outward| off.dot(&outward))
     }
 }

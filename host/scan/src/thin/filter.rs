@@ -3,7 +3,9 @@
 use std::cell::RefCell;
 use std::collections::HashMap;
 
+use super::beside::{ProfileLine, by_profile};
 use super::drops::{Drops, judged};
+use super::seen::Beams;
 use crate::ScanError;
 use crate::cloud::tree::PointTree;
 use crate::cloud::{CloudPoint, Points};
@@ -29,52 +31,48 @@ pub fn intensity<'a>(
     })
 }
 
-/// Points that stand out of their own profile: a `spike` lies further than `off_mm` from both its neighbours in the profile,
-/// while these lie within `off_mm` of each other. Neighbours follow each other in the file; the ends of a profile stay.
-pub fn spikes<'a>(points: Points<'a>, off_mm: f64, drops: &'a RefCell<Drops>) -> Points<'a> {
-    let mut points = points;
-    // The point before, the point in question; what comes next decides.
-    let mut before: Option<CloudPoint> = None;
-    let mut here: Option<CloudPoint> = None;
-    let mut ended = false;
-    Box::new(std::iter::from_fn(move || {
-        loop {
-            if ended {
-                return here.take().map(Ok);
-            }
-            let next = match points.next() {
-                Some(Ok(next)) => next,
-                Some(Err(error)) => return Some(Err(error)),
-                None => {
-                    ended = true;
-                    continue;
-                }
-            };
-            let Some(middle) = here else {
-                here = Some(next);
-                continue;
-            };
-            let far = |a: &CloudPoint, b: &CloudPoint| {
-                (Vec3::from(a.at) - Vec3::from(b.at)).norm() > off_mm
-            };
-            let spike = before.is_some_and(|b| {
-                b.profile == middle.profile
-                    && next.profile == middle.profile
-                    && far(&middle, &b)
-                    && far(&middle, &next)
-                    && !far(&b, &next)
-            });
-            here = Some(next);
-            if spike {
-                if let Err(error) = drops.borrow_mut().drop_point("spike", &middle) {
-                    return Some(Err(error));
-                }
-                continue;
-            }
-            before = Some(middle);
-            return Some(Ok(middle));
-        }
-    }))
+/// Points that stand out of their own profile: a `spike` stands off the line between its two neighbours by more than
+/// `off_mm`, and off the lines that carry on what is before it and what is behind it, while these agree with each other
+/// within `off_mm`. How far is taken along the beam, where `beams` says it, and else square to each line: the pitch between
+/// neighbours is no height. Neighbours follow each other in the file; the ends of a profile stay, and so does what has one
+/// neighbour only on either side.
+pub fn spikes<'a>(
+    points: Points<'a>,
+    off_mm: f64,
+    beams: Option<&'a Beams>,
+    drops: &'a RefCell<Drops>,
+) -> Points<'a> {
+    by_profile(points, "spike", drops, move |profile| {
+        let beam = profile.first().and_then(|p| beams?.of(p.profile));
+        let at: Vec<Vec3> = profile.iter().map(|p| Vec3::from(p.at)).collect();
+        (0..at.len())
+            .map(|place| is_spike(&at, place, off_mm, beam))
+            .collect()
+    })
+}
+
+/// So many samples are looked at on either side of a spike.
+const BESIDE: usize = 4;
+
+fn is_spike(at: &[Vec3], place: usize, off_mm: f64, beam: Option<Vec3>) -> bool {
+    let (Some(before), Some(behind)) = (place.checked_sub(1), at.get(place + 1)) else {
+        return false;
+    };
+    let (here, before) = (&at[place], &at[before]);
+    let is_off = |line: &ProfileLine, p: &Vec3| line.off(p).norm() > off_mm;
+    let between = ProfileLine::through(before, behind, beam);
+    if !between.is_some_and(|line| is_off(&line, here)) {
+        return false;
+    }
+    let left: Vec<Vec3> = at[..place].iter().rev().take(BESIDE).copied().collect();
+    let right: Vec<Vec3> = at[place + 1..].iter().take(BESIDE).copied().collect();
+    // Each with the neighbour on its other side, which may lie on it.
+    let sides = [(left, behind), (right, before)];
+    let lines: Vec<(ProfileLine, &Vec3)> = (sides.iter())
+        .filter_map(|(side, other)| Some((ProfileLine::beside(side, off_mm, beam)?, *other)))
+        .collect();
+    lines.iter().all(|(line, _)| is_off(line, here))
+        && lines.iter().any(|(line, other)| !is_off(line, other))
 }
 
 /// All points, held in memory.

@@ -23,7 +23,7 @@ pub enum Beams {
 }
 
 impl Beams {
-    fn of(&self, profile: u64) -> Option<Vec3> {
+    pub(super) fn of(&self, profile: u64) -> Option<Vec3> {
         match self {
             Self::Along(beam) => Some(*beam),
             Self::Poses(poses) => poses

@@ -5,6 +5,7 @@ use std::cell::RefCell;
 use super::crop::{CropRegion, crop};
 use super::filter::{intensity, isolated, spikes, statistical};
 use super::sample::{every, voxels};
+use super::seen::Beams;
 use super::{Drops, drops::Dropped};
 use crate::cloud::{CloudPoint, Points};
 use crate::rigid::Vec3;
@@ -78,10 +79,46 @@ fn a_spike_is_one_point_off_neighbours_that_agree() {
     // At the end of a profile nobody can say.
     list[7].at[2] = -4.0;
     let drops = RefCell::default();
-    let kept = all(spikes(points(&list), 1.5, &drops));
+    let kept = all(spikes(points(&list), 1.5, None, &drops));
     assert_eq!(kept.len(), list.len() - 1);
     assert!(!kept.iter().any(|p| p.profile == 0 && p.index == 3));
     assert_eq!(counts(drops), [("spike", 1)]);
+}
+
+/// On a plane at 1 mm, as on flanks up to 82 degrees with kinks and steps, each sample that stands off goes and no other:
+/// not the pitch, nor the step between neighbours on a flank, is how far one stands off.
+#[test]
+fn a_spike_is_told_at_any_pitch_and_on_any_flank() {
+    for (pitch, slope) in [(1.0, 0.0), (0.1, 0.0), (1.0, 1.0), (0.1, 3.73), (0.1, 7.0)] {
+        let mut seed = 11_u64;
+        let mut noise = || {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            0.02 * ((seed >> 11) as f64 / (1_u64 << 52) as f64 - 1.0)
+        };
+        let clean: Vec<CloudPoint> = (0..1000_u32)
+            .map(|i| {
+                // Up the flank, along a top, down a step.
+                let (profile, place) = (u64::from(i / 100), f64::from(i % 100));
+                let z = pitch * slope * place.min(60.0) - if place > 80.0 { 5.0 } else { 0.0 };
+                point(pitch * place, profile as f64, z + noise(), profile, i % 100)
+            })
+            .collect();
+        let mut bad = clean.clone();
+        // Away from the kink, the step and the ends.
+        let marked = |i: usize| matches!(i % 100, 10 | 33 | 70 | 90);
+        for (i, p) in bad.iter_mut().enumerate().filter(|(i, _)| marked(*i)) {
+            p.at[2] += if i % 20 == 0 { 8.0 } else { -8.0 };
+        }
+        let beam = Beams::Along(-Vec3::z());
+        for beams in [None, Some(&beam)] {
+            let drops = RefCell::default();
+            assert_eq!(all(spikes(points(&clean), 0.5, beams, &drops)).len(), 1000);
+            let kept = all(spikes(points(&bad), 0.5, beams, &drops));
+            let gone: Vec<&CloudPoint> = bad.iter().filter(|p| !kept.contains(p)).collect();
+            assert_eq!(gone.len(), 40, "{pitch} {slope} {beams:?}");
+            assert!(gone.iter().all(|p| marked(p.index as usize)));
+        }
+    }
 }
 
 #[test]

@@ -20,6 +20,15 @@ pub(in crate::surface) struct Facet {
     pub face: u32,
 }
 
+/// A part of a triangle's border.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::surface) enum Border {
+    /// A corner, by its place.
+    Corner(usize),
+    /// A side: from the first corner to the second, from the first to the third, from the second to the third.
+    Side(usize),
+}
+
 impl Facet {
     pub fn new(t: &Triangle, face: u32) -> Self {
         let [a, b, c] = &t.corners;
@@ -74,6 +83,32 @@ impl Facet {
             side(to_segment(&w, &e, w.dot(&e), e.norm_squared()));
         }
         (low <= limit).then_some((low, off, false))
+    }
+
+    /// On what of the triangle the point nearest to `q` lies, where that is not within: its corner (a, b, c) or its side
+    /// (from a to b, from a to c, from b to c).
+    pub fn border(&self, q: &Vec3) -> Border {
+        let w = q - self.corner;
+        let [e0, e1] = &self.sides;
+        let across = e1 - e0;
+        let beside = w - e0;
+        // Each side with its ends, the way to the point from its beginning, and itself.
+        let sides = [(0, 1, &w, e0), (0, 2, &w, e1), (1, 2, &beside, &across)];
+        let mut low = f64::INFINITY;
+        let mut border = Border::Corner(0);
+        for (side, (begin, end, from, along)) in sides.into_iter().enumerate() {
+            let share = (from.dot(along) / along.norm_squared().max(1e-300)).clamp(0.0, 1.0);
+            let squared = (from - along * share).norm_squared();
+            if squared < low {
+                low = squared;
+                border = match share {
+                    0.0 => Border::Corner(begin),
+                    1.0 => Border::Corner(end),
+                    _ => Border::Side(side),
+                };
+            }
+        }
+        border
     }
 
     /// The cosine of a difference to the normal.

@@ -184,6 +184,7 @@ impl Record {
             "profiles": came.profiles,
             "repeated": came.repeated,
             "lost_frames": came.lost,
+            "restarts": came.restarts,
             "latches": latches,
             "latches_lost": tally.latches_lost,
             "positions_lost": tally.positions_lost,
@@ -259,6 +260,12 @@ fn losses(came: &SensorCame, tally: &LatchTally) -> Vec<String> {
     .collect();
     if came.repeated > 0 {
         lost.push(format!("{} came twice", count(came.repeated, "frame")));
+    }
+    if came.restarts > 0 {
+        lost.push(format!(
+            "the sensor's counter wrapped or started anew {}: what was lost about that moment is not counted",
+            count(came.restarts, "time")
+        ));
     }
     lost.extend(came.ended.clone());
     lost

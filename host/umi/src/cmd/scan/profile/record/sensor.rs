@@ -23,6 +23,8 @@ const TURN: Duration = Duration::from_millis(50);
 const LAST: Duration = Duration::from_millis(300);
 /// How often the live profile is renewed.
 const VIEW: Duration = Duration::from_millis(250);
+/// A frame that comes again has its time within this.
+const SAME_TIME_US: f64 = 1.0;
 /// Columns of the live profile.
 const COLUMNS: usize = 48;
 
@@ -39,7 +41,10 @@ pub(super) struct SensorCame {
     pub view: String,
     /// The channel ended, and why.
     pub ended: Option<String>,
-    last: Option<u64>,
+    /// How often the counter wrapped or started anew; what was lost about that moment is not counted.
+    pub restarts: u64,
+    /// The last frame and its time.
+    last: Option<(u64, f64)>,
 }
 
 /// A channel that is being recorded.
@@ -184,7 +189,7 @@ impl Work {
             let depth = if view { Depth::Samples } else { Depth::Stamps };
             let mut came = self.came.lock().unwrap_or_else(PoisonError::into_inner);
             gocator::visit(group.as_slice(), "the sensor's channel", depth, |profile| {
-                came.count(profile.stamp.frame);
+                came.count(profile.stamp.frame, profile.stamp.t_us);
                 if view {
                     came.view = line(profile.samples);
                 }
@@ -199,15 +204,23 @@ impl Work {
 }
 
 impl SensorCame {
-    fn count(&mut self, frame: u64) {
+    /// Counts a profile. A lower number at a later time than the last is no repetition: the counter wrapped, or started
+    /// anew. What was lost about that moment nothing tells.
+    fn count(&mut self, frame: u64, t_us: f64) {
         self.profiles += 1;
         match self.last {
-            Some(last) if frame > last => {
+            // From before the counter wrapped: it is later in number, and earlier in time.
+            Some((_, last_us)) if t_us < last_us - SAME_TIME_US => self.repeated += 1,
+            Some((last, _)) if frame > last => {
                 self.lost += frame - last - 1;
-                self.last = Some(frame);
+                self.last = Some((frame, t_us));
+            }
+            Some((last, last_us)) if frame < last && t_us > last_us + SAME_TIME_US => {
+                self.restarts += 1;
+                self.last = Some((frame, t_us));
             }
             Some(_) => self.repeated += 1,
-            None => self.last = Some(frame),
+            None => self.last = Some((frame, t_us)),
         }
     }
 }
@@ -239,4 +252,30 @@ fn line(samples: &[umi_scan::profile::ProfilePoint]) -> String {
             place.and_then(|place| MARKS.get(place)).map_or(' ', |m| *m)
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::SensorCame;
+
+    /// A 16-bit counter wraps with a frame lost behind it; a frame comes again; the counter starts anew.
+    #[test]
+    fn losses_are_counted_within_each_run_of_the_counter() {
+        let mut came = SensorCame::default();
+        for (frame, t_us) in [
+            (65_534, 0.0),
+            (65_535, 10.0),
+            (0, 20.0),
+            (2, 40.0),
+            (2, 40.0),
+            (65_535, 10.0),
+            (3, 50.0),
+            (0, 60.0),
+            (1, 70.0),
+        ] {
+            came.count(frame, t_us);
+        }
+        assert_eq!((came.profiles, came.restarts), (9, 2));
+        assert_eq!((came.lost, came.repeated), (1, 2));
+    }
 }
