@@ -14,6 +14,7 @@ use umi_virtual::scene::LineScannerSpec;
 use super::super::Format;
 use super::answer::mount_failure;
 use crate::failure::Failure;
+use crate::show::progress::Progress;
 use crate::show::terminal::{BAD, GOOD, Table, count, paint, print, print_json};
 
 /// Published scans again on a virtual machine: a washer, a ball, and what time does to both
@@ -140,7 +141,7 @@ impl Demo {
         if self.workpiece {
             return super::demo_workpiece::run(&seeds, self.format.json);
         }
-        let shown = show(seeds)?;
+        let shown = show(seeds, &Progress::new(self.format.json))?;
         if self.format.json {
             let value = serde_json::to_value(&shown)
                 .map_err(|error| Failure::trouble("json", format_args!("no JSON: {error}")))?;
@@ -156,7 +157,7 @@ impl Demo {
     }
 }
 
-fn show(seeds: Vec<u64>) -> Result<Shown, Failure> {
+fn show(seeds: Vec<u64>, progress: &Progress) -> Result<Shown, Failure> {
     let missing = || Failure::trouble("scene", "a preset of the scanner is missing");
     let (of_washer, of_ball) = (
         washer_sensor().ok_or_else(missing)?,
@@ -171,6 +172,8 @@ fn show(seeds: Vec<u64>) -> Result<Shown, Failure> {
         largest_error_mm: 0.0,
         largest_error_mrad: 0.0,
     };
+    // Of each seed three washers and a ball.
+    progress.of("scans", 4 * seeds.len() as u64);
     for seed in &seeds {
         let mut station = TableMachine::new(of_washer.clone(), *seed);
         let mounted = calibrate(&mut station).map_err(mount_failure)?;
@@ -180,10 +183,12 @@ fn show(seeds: Vec<u64>) -> Result<Shown, Failure> {
                 *sum += found;
                 *most = most.max((found - truth).abs());
             }
+            progress.more(1);
         }
         let mut station = TableMachine::new(of_ball.clone(), *seed);
         let mounted = calibrate(&mut station).map_err(mount_failure)?;
         let found = ball::diameter(&mut station, &mounted.machine).map_err(mount_failure)?;
+        progress.more(1);
         ball_sum += found;
         ball_most = ball_most.max((found - DIAMETER_MM).abs());
         mount.largest_error_mm = mount.largest_error_mm.max(mounted.off.0);
@@ -200,6 +205,7 @@ fn show(seeds: Vec<u64>) -> Result<Shown, Failure> {
             }
         }
     }
+    progress.stage("edges at six speeds");
     let speed = speeds(of_ball)?;
     let n = seeds.len() as f64;
     let washer: Vec<WasherRow> = WasherTest::ALL

@@ -5,6 +5,7 @@ use umi_experiment::scan::workpiece::{PartFigures, PartScanner, scan};
 
 use super::answer::mount_failure;
 use crate::failure::Failure;
+use crate::show::progress::Progress;
 use crate::show::terminal::{BAD, GOOD, Table, count, paint, print, print_json};
 
 /// What table 6.2 allows a scan to add.
@@ -46,11 +47,18 @@ pub(super) fn run(seeds: &[u64], json: bool) -> Result<(), Failure> {
         .into_iter()
         .map(|scanner| (scanner, Vec::new()))
         .collect();
+    let progress = Progress::new(json);
+    progress.of(
+        "workpieces, cut and scanned in three ways",
+        seeds.len() as u64,
+    );
     for seed in seeds {
         for (slot, (_, figures)) in all.iter_mut().zip(scan(*seed).map_err(mount_failure)?) {
             slot.1.push(figures);
         }
+        progress.more(1);
     }
+    drop(progress);
     let scans: Vec<Row> = all
         .iter()
         .map(|(scanner, figures)| row(*scanner, figures))

@@ -43,6 +43,8 @@ fn every_point_is_kept_or_counted() {
         &cloud,
         "--spike",
         "3",
+        "--beam",
+        "0,0,-1",
         "--intensity",
         "0,80",
         "--dropped",
@@ -158,6 +160,45 @@ fn a_cloud_goes_into_every_format_and_stays_the_same() {
     );
     umi(&[&args[..], &["--force"]].concat()).exits(0);
     umi(&["scan", "convert", &cloud, "-o", &cloud, "--force"]).exits(1);
+}
+
+/// A coarse grid has its pitch for no height, with the beam known or not; where it is not that is said. Standard error, which
+/// is no terminal here, gets no line of progress.
+#[test]
+fn the_pitch_of_a_grid_is_no_spike_and_hides_none() {
+    let folder = Folder::new();
+    let mut text = String::from("profile,index,x_mm,y_mm,z_mm\n");
+    for profile in 0..20 {
+        for index in 0..60 {
+            let z = if (profile, index) == (7, 30) {
+                8.0
+            } else {
+                0.0
+            };
+            writeln!(text, "{profile},{index},{index},{profile},{z}").unwrap();
+        }
+    }
+    let grid = folder.file("grid.csv", &text);
+    let out = folder.path("out.csv");
+    let filter = |more: &[&str]| {
+        let args = ["scan", "filter", &grid, "-o", &out, "--force"];
+        umi(&[&args[..], more].concat()).exits(0)
+    };
+    for beam in [&[][..], &["--beam", "0,0,-1"]] {
+        for (how, gone) in [(["--spike", "0.5"], 1), (["--mixed", "0.3,2"], 0)] {
+            let found = filter(&[&how[..], beam, &["--json"]].concat()).json();
+            assert_eq!(found["kept"], 1200 - gone, "{found}");
+            let notes = found["warnings"].to_string();
+            assert_eq!(notes.contains("no_beam"), beam.is_empty(), "{found}");
+        }
+    }
+    let told = filter(&["--spike", "0.5"]);
+    assert!(
+        told.out.contains("1 spike") && told.out.contains("note: no_beam"),
+        "{}",
+        told.out
+    );
+    assert!(told.err.is_empty(), "{}", told.err);
 }
 
 #[test]

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use crate::failure::Failure;
+use crate::show::progress::Progress;
 use crate::show::terminal::Plain;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
@@ -16,6 +17,7 @@ use umi_scan::compare::{
 use umi_scan::format::clouds::read_cloud;
 use umi_scan::parallel::Threads;
 use umi_scan::rigid::Vec3;
+use umi_scan::surface::Near;
 
 use super::limits::limits;
 use crate::cmd::Format;
@@ -153,12 +155,16 @@ impl Compare {
     }
 
     fn find(&self) -> Result<ComparedCloud, ScanError> {
+        let progress = Progress::new(self.format.json);
+        progress.stage("reading the nominal");
         let nominal = Nominal::read(&self.nominal)?;
+        progress.stage("reading the cloud");
         let mut cloud = finite_cloud(read_cloud(&self.cloud)?, &self.cloud)?;
         let threads = self
             .threads
             .map_or_else(Threads::all, |n| Threads::new(n as usize));
         let alignment = if self.align {
+            progress.stage("aligning");
             let locked = FREEDOMS.map(|freedom| self.lock.contains(&freedom));
             Some(align(&mut cloud, &nominal, locked, threads)?)
         } else {
@@ -167,7 +173,7 @@ impl Compare {
         let near = if cloud.is_empty() {
             Vec::new()
         } else {
-            nearest(&cloud, &nominal, threads)?
+            nearest_shown(&cloud, &nominal, threads, &progress)?
         };
         let deviations: Vec<f64> = near.iter().map(|near| near.distance_mm).collect();
         let figures = summary(&deviations)?;
@@ -203,6 +209,28 @@ impl Compare {
             alignment,
         })
     }
+}
+
+/// Points between two looks at how far it is.
+const PART: usize = 1 << 18;
+
+/// What the nominal is to every point; how far it is, is shown.
+///
+/// # Errors
+/// As [`nearest`].
+pub fn nearest_shown(
+    cloud: &[Vec3],
+    nominal: &Nominal,
+    threads: Threads,
+    progress: &Progress,
+) -> Result<Vec<Near>, ScanError> {
+    progress.of("distances", cloud.len() as u64);
+    let mut all = Vec::with_capacity(cloud.len());
+    for part in cloud.chunks(PART) {
+        all.extend(nearest(part, nominal, threads)?);
+        progress.more(part.len() as u64);
+    }
+    Ok(all)
 }
 
 /// The points, if all of the file are finite.

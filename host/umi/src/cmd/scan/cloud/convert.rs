@@ -38,7 +38,13 @@ missing_column, format.";
 
 impl Convert {
     pub fn run(&self) -> Result<(), Failure> {
-        self.clouds
-            .run("convert", None, |_| Ok(()), false, &|points, _| Ok(points))
+        self.clouds.run(
+            "convert",
+            None,
+            |_| Ok(()),
+            false,
+            &|points, _| Ok(points),
+            &[],
+        )
     }
 }

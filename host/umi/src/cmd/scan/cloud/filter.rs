@@ -29,12 +29,12 @@ pub(crate) struct Filter {
     /// The least and the greatest z in the sensor's own frame, in mm (--poses)
     #[arg(long, value_name = "LEAST,MOST", value_parser = least_and_most, allow_hyphen_values = true, requires = "poses")]
     range: Option<[f64; 2]>,
-    /// Leave out mixed points: at most N points in a row that lie further than MM from what the
-    /// profile has before and behind them
+    /// Leave out mixed points: at most N points in a row between two surfaces of their profile,
+    /// further than MM from either as it would go on
     #[arg(long, value_name = "MM,N", value_parser = cell)]
     mixed: Option<(f64, u64)>,
-    /// Leave out a point further than this from both its neighbours in the profile, where
-    /// these are within it of each other
+    /// Leave out a point that stands off the line between its neighbours in the profile by more
+    /// than this, where what is before it and what is behind it agree within it
     #[arg(long, value_name = "MM", value_parser = above_zero)]
     spike: Option<f64>,
     /// Leave out points where the surface stands off the beam by more than DEG, by the points in
@@ -70,19 +70,31 @@ struct Looking {
 const HELP: &str = "\
 Filters follow each other in the order above; each point that is left out is counted by the
 first one that says so. With --intensity, --range, --mixed and --spike points go through one by
-one; --incidence, --isolated and --statistical hold the cloud in memory. What --mixed leaves out is
-told as mixed even where it is a spike, too.
+one, with --mixed and --spike profile by profile; --incidence, --isolated and --statistical hold
+the cloud in memory.
+
+--spike and --mixed do not take the pitch of the points, or a steep flank, for a height: a point is
+held against the lines that carry on what its profile has on either side. With --poses or --beam its
+distance is taken along the beam, else square to each line (noted as no_beam): give --beam 0,0,-1 for
+a sensor that looks down. A chamfer that no more than N points of a profile lie on looks like mixed
+points; a rib of so few does not.
 
 Examples:
   umi scan filter cloud.csv --spike 0.5 -o clean.csv
   umi scan filter cloud.ply --isolated 1,3 --dropped lonely.ply -o clean.ply
   umi scan filter cloud.csv --intensity 20,250 --statistical 8,3 -o clean.laz --json
+  umi scan filter cloud.csv --spike 0.5 --beam 0,0,-1 -o clean.csv
   umi scan filter cloud.csv --mixed 0.3,2 --incidence 65 --beam 0,0,-1 -o clean.ply
   umi scan filter cloud.csv --poses poses.csv --range -38,38 --incidence 60,0.4 -o clean.ply
 
 Refused (status 2): no_filter, no_profiles (for --spike, --mixed and --poses), no_intensity,
 foreign_poses (of another scan, or of a cloud that was moved),
 too_few_points, not_finite, nothing_left (no file is written).";
+
+/// Said where spikes or mixed points are sought without knowing where the sensor looked from.
+const NO_BEAM: &str = "no_beam: the cloud does not say where the sensor looked from. How far a point stands off its profile was \
+                       taken square to the line of its neighbours, which on a slope is less than along the beam. Give --poses or \
+                       --beam to have it along the beam.";
 
 /// The cell's edge where none is given, in mm.
 const CELL_MM: f64 = 0.5;
@@ -139,6 +151,10 @@ impl Filter {
         let beams = self.looking.read().map_err(failure)?;
         let by_profile =
             self.spike.is_some() || self.mixed.is_some() || matches!(beams, Some(Beams::Poses(_)));
+        let notes: &[&str] = match beams {
+            None if self.spike.is_some() || self.mixed.is_some() => &[NO_BEAM],
+            _ => &[],
+        };
         self.clouds.run(
             "filter",
             self.dropped.as_deref(),
@@ -199,6 +215,7 @@ impl Filter {
                 }
                 Ok(Box::new(all.into_iter().map(Ok)))
             },
+            notes,
         )
     }
 }

@@ -6,11 +6,11 @@ use clap::Args;
 use serde::Serialize;
 use umi_report::pages::deviation::{Bands, DeviationPage, html};
 use umi_scan::ScanError;
-use umi_scan::compare::{Deviations, Nominal, nearest, strays, summary};
+use umi_scan::compare::{Deviations, Nominal, strays, summary};
 use umi_scan::format::clouds::read_cloud;
 use umi_scan::parallel::Threads;
 
-use super::compare::finite_cloud;
+use super::compare::{finite_cloud, nearest_shown};
 use super::deviation_page::{Compared, beyond, page};
 use super::limits::limits;
 use super::merged::MergeLosses;
@@ -18,6 +18,7 @@ use crate::cmd::Format;
 use crate::cmd::scan::answer::failure;
 use crate::failure::Failure;
 use crate::output::Force;
+use crate::show::progress::Progress;
 use crate::show::terminal::{print, print_json};
 
 /// A page on a cloud beside its nominal: maps, sections, a histogram, and a view that turns
@@ -125,11 +126,15 @@ impl Report {
     }
 
     fn make(&self) -> Result<(DeviationPage, Reported), ScanError> {
+        let progress = Progress::new(self.format.json);
+        progress.stage("reading the nominal");
         let nominal = Nominal::read(&self.nominal)?;
+        progress.stage("reading the cloud");
         let losses = self.merge.as_deref().map(MergeLosses::read).transpose()?;
         let cloud = finite_cloud(read_cloud(&self.cloud)?, &self.cloud)?;
         let threads = self.threads.map_or_else(Threads::all, Threads::new);
-        let near = nearest(&cloud, &nominal, threads)?;
+        let near = nearest_shown(&cloud, &nominal, threads, &progress)?;
+        progress.stage("drawing the page");
         let deviations: Vec<f64> = near.iter().map(|near| near.distance_mm).collect();
         let found = summary(&deviations)?;
         let beyond = self.limits.map(|bands| beyond(&near, bands));

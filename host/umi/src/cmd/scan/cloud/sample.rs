@@ -40,13 +40,19 @@ Refused (status 2): not_finite, for a point too far out for cells of this size; 
 impl Sample {
     pub fn run(&self) -> Result<(), Failure> {
         let merged = self.how.voxel.is_some();
-        self.clouds
-            .run("sample", None, |_| Ok(()), merged, &|points, drops| {
+        self.clouds.run(
+            "sample",
+            None,
+            |_| Ok(()),
+            merged,
+            &|points, drops| {
                 if let Some(cell_mm) = self.how.voxel {
                     let all = voxels(points, cell_mm, drops)?;
                     return Ok(Box::new(all.into_iter().map(Ok)));
                 }
                 Ok(every(points, self.how.every.unwrap_or(1), drops))
-            })
+            },
+            &[],
+        )
     }
 }

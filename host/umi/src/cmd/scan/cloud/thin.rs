@@ -15,6 +15,7 @@ use crate::cmd::Format;
 use crate::cmd::scan::answer::{answer, failure};
 use crate::failure::Failure;
 use crate::output::Force;
+use crate::show::progress::Progress;
 
 /// A cloud in and a cloud out.
 #[derive(Args)]
@@ -56,7 +57,7 @@ pub(crate) type Step<'s> =
     dyn for<'a> Fn(Points<'a>, &'a RefCell<Drops>) -> Result<Points<'a>, ScanError> + 's;
 
 impl Clouds {
-    /// Reads, takes the step, writes, answers. `points` is told whether the cloud says enough for the step.
+    /// Reads, takes the step, writes, answers. `enough` is told what the cloud says of its points; `notes` are part of the answer.
     pub fn run(
         &self,
         kind: &'static str,
@@ -64,6 +65,7 @@ impl Clouds {
         enough: impl Fn(CloudColumns) -> Result<(), ScanError>,
         merged: bool,
         step: &Step<'_>,
+        notes: &[&str],
     ) -> Result<(), Failure> {
         self.force.check(&self.output, &[&self.cloud])?;
         if let Some(path) = dropped {
@@ -76,6 +78,8 @@ impl Clouds {
             }
         }
         let make = || -> Result<Thinned, ScanError> {
+            let progress = Progress::new(self.format.json);
+            progress.stage("the cloud's beginning");
             write::check_extension(&self.output)?;
             let mut reader = CloudReader::open(&self.cloud)?;
             enough(reader.columns)?;
@@ -97,14 +101,15 @@ impl Clouds {
                 Some(path) => Drops::to_file(path, reader.columns)?,
                 None => Drops::default(),
             });
-            let mut points = step(reader.points(), &drops)?.peekable();
+            let mut points = step(progress.through(reader.points()), &drops)?.peekable();
             if points.peek().is_none() {
                 drop(points);
                 return Err(nothing_left(&drops.borrow().counts));
             }
             let written = write_cloud(&self.output, style, Box::new(points))?;
             let dropped = drops.into_inner().finish()?;
-            let mut warnings = write::notes(&self.output, self.double, written.farthest_mm);
+            let mut warnings: Vec<String> = notes.iter().map(|note| (*note).to_owned()).collect();
+            warnings.extend(write::notes(&self.output, self.double, written.farthest_mm));
             if style.columns.mount_u && !write::holds_uncertainty(&self.output) {
                 warnings.push(
                     "This format has no room for the column mount_u_mm: it is left out.".into(),

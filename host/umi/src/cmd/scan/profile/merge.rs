@@ -17,6 +17,7 @@ use umi_scan::merge::{MergeOptions, Merged, merge};
 use super::pair::{self, Latency, Streams};
 use crate::cmd::Format;
 use crate::cmd::scan::answer::answer;
+use crate::show::progress::Progress;
 
 /// Profiles and positions become a cloud of points in the workpiece frame
 #[derive(Args)]
@@ -139,6 +140,8 @@ impl Merge {
     }
 
     fn find(&self) -> Result<Merged, ScanError> {
+        let progress = Progress::new(self.format.json);
+        progress.stage("pairing profiles and latches");
         let machine = machine::read(&self.machine)?;
         let triggers = self.streams.read_triggers()?;
         let mut file = Files {
@@ -157,6 +160,8 @@ impl Merge {
                 )?
             },
             poses: self.poses.as_deref().map(PoseFile::create).transpose()?,
+            progress,
+            profiles: 0,
         };
         let mut merged = merge(
             &self.streams.profiles,
@@ -181,10 +186,15 @@ impl Merge {
     }
 }
 
+/// Profiles between two looks at how far it is.
+const PROFILES: u64 = 64;
+
 /// The cloud, and where the sensor was if that is wanted.
 struct Files {
     points: PointFile,
     poses: Option<PoseFile>,
+    progress: Progress,
+    profiles: u64,
 }
 
 impl PointSink for Files {
@@ -208,6 +218,13 @@ impl PointSink for Files {
     }
 
     fn profile(&mut self, profile: u64, points: &[(u32, [f64; 3])]) -> Result<(), ScanError> {
+        if self.profiles == 0 {
+            self.progress.count("profiles merged");
+        }
+        self.profiles += 1;
+        if self.profiles.is_multiple_of(PROFILES) {
+            self.progress.more(PROFILES);
+        }
         self.points.profile(profile, points)
     }
 
