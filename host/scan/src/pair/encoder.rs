@@ -18,71 +18,130 @@ pub(super) fn is_why(streams: &Streams<'_>, explained: usize) -> Option<String> 
     }
     let clocks = streams.without_encoder()?;
     let reach = clocks.within_reach(1.0);
-    let SearchOutcome::Only(found) = search_in(&reach.trains, STEPS) else {
-        return None;
+    let (all, counts) = match search_in(&reach.trains, STEPS) {
+        SearchOutcome::Only(found) => {
+            let pairs = found.iter().enumerate().filter_map(|(profile, latch)| {
+                streams.encoder_and_counts(reach.profiles[profile], reach.latches[(*latch)?])
+            });
+            (found.iter().flatten().count(), pairs.collect())
+        }
+        // An even train: more than one shift, and the encoder fits none of them.
+        SearchOutcome::Tie { explained, .. } => (explained, Vec::new()),
+        _ => return None,
     };
-    let all = found.iter().flatten().count();
     if all < explained + FEWEST || all < reach.trains.need() {
         return None;
     }
-    let pairs: Vec<(usize, usize)> = (found.iter().enumerate())
-        .filter_map(|(profile, latch)| Some((reach.profiles[profile], reach.latches[(*latch)?])))
-        .collect();
-    let counts: Vec<(i64, i64)> = (pairs.iter())
-        .filter_map(|&(profile, latch)| streams.encoder_and_counts(profile, latch))
-        .collect();
     let profiles = streams.frames.stamps.len();
-    let how = differs(&counts, |place| {
-        (pairs.get(place)).map_or(0, |(profile, _)| streams.frames.stamps[*profile].profile)
-    });
+    let how = differs(streams, &counts)?;
     Some(format!(
-        "encoder: the encoder is the reason: without it one shift of the clocks explains {all} of {profiles} profiles. {how}. \
+        "encoder: the encoder is the reason: without it a shift of the clocks explains {all} of {profiles} profiles. {how}. \
          Mend that, or leave --encoder out"
     ))
 }
 
-/// How the encoder differs from the counts, of pairs in their order.
-fn differs(counts: &[(i64, i64)], profile: impl Fn(usize) -> u64) -> String {
+/// How the encoder differs from the counts, by the pairs where there are any; none where nothing tells that it does.
+fn differs(streams: &Streams<'_>, counts: &[(i64, i64)]) -> Option<String> {
+    if let Some((profile, by)) = jump(streams) {
+        return Some(format!(
+            "With profile {profile} it jumps by {by:+} counts against the axis"
+        ));
+    }
+    let ratio = if counts.is_empty() {
+        ratio_of_rates(streams)?
+    } else {
+        ratio_of_pairs(counts)?
+    };
+    match ratio {
+        ratio if (ratio - 1.0).abs() <= SAME => (!counts.is_empty() && !steps_once(counts)).then(|| {
+            "It and the axis do not keep together: encoder less counts is not the same for all pairs".into()
+        }),
+        ratio if (ratio + 1.0).abs() <= SAME => {
+            Some("It counts down where the axis counts up: turn its direction over".into())
+        }
+        ratio if ratio.abs() <= SAME => Some("It stands still while the axis moves".into()),
+        ratio => Some(format!("It counts {ratio:.4} for each count of the axis")),
+    }
+}
+
+/// Counts of the encoder for one of the axis, over half of the scan each.
+fn ratio_of_pairs(counts: &[(i64, i64)]) -> Option<f64> {
     let half = counts.len() / 2;
-    let mut ratios: Vec<f64> = (counts.iter().zip(&counts[half..]))
+    let ratios = (counts.iter().zip(&counts[half..]))
         .filter(|(first, second)| first.1 != second.1)
         .map(|(first, second)| {
             (second.0 as f64 - first.0 as f64) / (second.1 as f64 - first.1 as f64)
-        })
-        .collect();
-    if ratios.is_empty() {
-        return "The axis that --encoder names stands still on the board".into();
-    }
-    let middle = ratios.len() / 2;
-    let ratio = *ratios.select_nth_unstable_by(middle, f64::total_cmp).1;
+        });
+    median(ratios.collect())
+}
+
+/// The same without pairs, where both move as evenly as the clocks go.
+fn ratio_of_rates(streams: &Streams<'_>) -> Option<f64> {
+    let steady = |moved: Vec<(f64, f64)>| {
+        let rates: Vec<f64> = (moved.windows(2))
+            .filter(|pair| pair[1].0 > pair[0].0)
+            .map(|pair| (pair[1].1 - pair[0].1) / (pair[1].0 - pair[0].0))
+            .collect();
+        let rate = median(rates.clone())?;
+        let even = rates
+            .iter()
+            .filter(|one| (*one - rate).abs() <= 0.1 * rate.abs())
+            .count();
+        (10 * even >= 9 * rates.len()).then_some(rate)
+    };
+    let encoders = streams.sensor_us().zip(streams.encoders());
+    let counts = streams.board_us().into_iter().zip(streams.counts());
+    let of_encoder = steady(encoders.collect())?;
+    let of_axis = steady(counts.collect())?;
+    (of_axis != 0.0).then_some(of_encoder / of_axis)
+}
+
+/// Whether encoder less counts is the same but for one step, as it is where the sensor's clock jumps.
+fn steps_once(counts: &[(i64, i64)]) -> bool {
     let apart: Vec<i64> = (counts.iter())
         .map(|(encoder, counts)| encoder.wrapping_sub(*counts))
         .collect();
-    let step = |place: usize| apart[place].wrapping_sub(apart[place - 1]);
-    let widest = (1..apart.len()).max_by_key(|&place| step(place).unsigned_abs());
-    let jump = widest.filter(|&place| {
-        let within = |part: &[i64]| {
-            let ends = part.iter().min().zip(part.iter().max());
-            ends.map_or(0, |(least, most)| most.abs_diff(*least))
-        };
-        let (before, behind) = apart.split_at(place);
-        2 * within(before).max(within(behind)) < step(place).unsigned_abs()
-    });
-    match jump {
-        Some(place) => format!(
-            "With profile {} it jumps by {:+} counts against the axis",
-            profile(place),
-            step(place)
-        ),
-        None if (ratio - 1.0).abs() <= SAME => {
-            "It and the axis do not keep together: encoder less counts is not the same for all pairs".into()
-        }
-        None if (ratio + 1.0).abs() <= SAME => {
-            "It counts down where the axis counts up: turn its direction over".into()
-        }
-        None if ratio.abs() <= SAME => "It stands still while the axis moves".into(),
-        None => format!("It counts {ratio:.4} for each count of the axis"),
+    let step = |place: usize| apart[place].abs_diff(apart[place - 1]);
+    let Some(place) = (1..apart.len()).max_by_key(|&place| step(place)) else {
+        return false;
+    };
+    let within = |part: &[i64]| {
+        let ends = part.iter().min().zip(part.iter().max());
+        ends.map_or(0, |(least, most)| most.abs_diff(*least))
+    };
+    let (before, behind) = apart.split_at(place);
+    2 * within(before).max(within(behind)) < step(place)
+}
+
+/// Where the encoder alone steps much farther than the sensor's clock, and by how many counts.
+fn jump(streams: &Streams<'_>) -> Option<(u64, i64)> {
+    let stamps = &streams.frames.stamps;
+    let encoders: Vec<f64> = streams.encoders().collect();
+    let steps: Vec<(f64, f64)> = (stamps.windows(2).zip(encoders.windows(2)))
+        .map(|(time, count)| (time[1].t_us - time[0].t_us, count[1] - count[0]))
+        .collect();
+    let usual_us = median(steps.iter().map(|step| step.0).collect())?;
+    let rate = median(
+        (steps.iter().filter(|step| step.0 > 0.0))
+            .map(|step| step.1 / step.0)
+            .collect(),
+    )?;
+    let off = |place: usize| steps[place].1 - rate * steps[place].0;
+    let mut places: Vec<usize> = (0..steps.len()).collect();
+    places.sort_by(|&a, &b| off(b).abs().total_cmp(&off(a).abs()));
+    let (first, second) = (*places.first()?, *places.get(1)?);
+    // The clock goes on there as elsewhere, and nowhere else the encoder goes so far.
+    let is_alone = off(first).abs() > 5.0 * off(second).abs() + 16.0;
+    let is_in_time = (steps[first].0 - usual_us).abs() <= 0.5 * usual_us;
+    (is_alone && is_in_time).then(|| (stamps[first + 1].profile, off(first).round() as i64))
+}
+
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    if values.is_empty() {
+        return None;
     }
+    let middle = values.len() / 2;
+    Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 #[cfg(test)]
@@ -93,7 +152,10 @@ mod tests {
 
     /// What pairing a hundred profiles of uneven rhythm says, the encoder as `of` makes it from place and count.
     fn said(of: impl Fn(i64, i64) -> i64) -> (usize, String) {
-        let at_us = |i: i64| 5000 * i + (i * i * 37) % 1900;
+        said_of(&|i| 5000 * i + (i * i * 37) % 1900, &of)
+    }
+
+    fn said_of(at_us: &dyn Fn(i64) -> i64, of: &dyn Fn(i64, i64) -> i64) -> (usize, String) {
         let latches = (0..100_i64).map(|i| TriggerLatch {
             number: i as u64,
             t_ns: at_us(i) * 1000,
@@ -142,6 +204,27 @@ mod tests {
                 "{how}: {text}"
             );
         }
+        // Of a train as even as a clock the clocks fit in more than one way, and yet the encoder is the reason.
+        let even = |of: &dyn Fn(i64, i64) -> i64| said_of(&|i| 5000 * i, of).1;
+        for (of, how) in [
+            (
+                &(|_, count: i64| -count) as &dyn Fn(i64, i64) -> i64,
+                "turn its direction over",
+            ),
+            (&|_, count| 2 * count, "It counts 2.0000 for each count"),
+            (&|_, _| 5, "It stands still while the axis moves"),
+        ] {
+            let text = even(of);
+            assert!(
+                text.contains("the encoder is the reason") && text.contains(how),
+                "{how}: {text}"
+            );
+        }
+        let text = even(&|i, count| count + if i >= 30 { 1000 } else { 0 });
+        assert!(
+            text.contains("With profile 30 it jumps by +1000 counts"),
+            "{text}"
+        );
         // From profile 30 on by 1000 counts: what is before it is left out, and the clock is not to blame.
         let (pairs, text) = said(|i, count| count + if i >= 30 { 1000 } else { 0 });
         assert!((60..=70).contains(&pairs), "{pairs}");

@@ -124,6 +124,24 @@ impl<'a> Streams<'a> {
         Some((*encoders.get(profile)?, *counts.get(latch)?))
     }
 
+    /// The encoder at each profile; nothing without one.
+    pub fn encoders(&self) -> impl Iterator<Item = f64> {
+        let counters = self.counters.as_ref();
+        counters
+            .into_iter()
+            .flat_map(|(encoders, _)| encoders)
+            .map(|count| *count as f64)
+    }
+
+    /// The board's counts at each latch; nothing without an encoder.
+    pub fn counts(&self) -> impl Iterator<Item = f64> {
+        let counters = self.counters.as_ref();
+        counters
+            .into_iter()
+            .flat_map(|(_, counts)| counts)
+            .map(|count| *count as f64)
+    }
+
     /// What makes an even train tell where it is.
     pub fn advice(&self) -> String {
         let uneven = match self.triggers.cause {

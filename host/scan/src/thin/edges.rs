@@ -6,7 +6,7 @@ use std::cell::RefCell;
 use super::beside::{ProfileLine, by_profile};
 use super::drops::Drops;
 use super::seen::Beams;
-use crate::cloud::{CloudPoint, Points};
+use crate::cloud::Points;
 use crate::rigid::Vec3;
 
 /// So many samples are looked at on either side.
@@ -21,11 +21,11 @@ pub fn mixed<'a>(
     points: Points<'a>,
     off_mm: f64,
     most: usize,
-    beams: Option<&'a Beams>,
+    beams: Option<Beams>,
     drops: &'a RefCell<Drops>,
 ) -> Points<'a> {
     by_profile(points, "mixed", drops, move |profile| {
-        let beam = profile.first().and_then(|p| beams?.of(p.profile));
+        let beam = profile.first().and_then(|p| beams.as_ref()?.of(p.profile));
         let at: Vec<Vec3> = profile.iter().map(|p| Vec3::from(p.at)).collect();
         let mut goes = vec![false; at.len()];
         let mut place = 0;
@@ -75,6 +75,7 @@ fn surface(nearest_first: &[Vec3], off_mm: f64, beam: Option<Vec3>) -> Option<Pr
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cloud::CloudPoint;
 
     fn step() -> Vec<CloudPoint> {
         // A step of 5 mm behind x = 1, with two points on the way down in each profile.
@@ -145,7 +146,7 @@ mod tests {
         };
         let list: Vec<CloudPoint> = heights.iter().enumerate().map(sample).collect();
         let beam = Beams::Along(-Vec3::z());
-        [None, Some(&beam)].map(|beams| {
+        [None, Some(beam)].map(|beams| {
             let drops = RefCell::default();
             let points = Box::new(list.iter().copied().map(Ok));
             let kept = mixed(points, off_mm, most, beams, &drops).count();

@@ -39,11 +39,11 @@ pub fn intensity<'a>(
 pub fn spikes<'a>(
     points: Points<'a>,
     off_mm: f64,
-    beams: Option<&'a Beams>,
+    beams: Option<Beams>,
     drops: &'a RefCell<Drops>,
 ) -> Points<'a> {
     by_profile(points, "spike", drops, move |profile| {
-        let beam = profile.first().and_then(|p| beams?.of(p.profile));
+        let beam = profile.first().and_then(|p| beams.as_ref()?.of(p.profile));
         let at: Vec<Vec3> = profile.iter().map(|p| Vec3::from(p.at)).collect();
         (0..at.len())
             .map(|place| is_spike(&at, place, off_mm, beam))

@@ -110,10 +110,13 @@ fn a_spike_is_told_at_any_pitch_and_on_any_flank() {
             p.at[2] += if i % 20 == 0 { 8.0 } else { -8.0 };
         }
         let beam = Beams::Along(-Vec3::z());
-        for beams in [None, Some(&beam)] {
+        for beams in [None, Some(beam)] {
             let drops = RefCell::default();
-            assert_eq!(all(spikes(points(&clean), 0.5, beams, &drops)).len(), 1000);
-            let kept = all(spikes(points(&bad), 0.5, beams, &drops));
+            assert_eq!(
+                all(spikes(points(&clean), 0.5, beams.clone(), &drops)).len(),
+                1000
+            );
+            let kept = all(spikes(points(&bad), 0.5, beams.clone(), &drops));
             let gone: Vec<&CloudPoint> = bad.iter().filter(|p| !kept.contains(p)).collect();
             assert_eq!(gone.len(), 40, "{pitch} {slope} {beams:?}");
             assert!(gone.iter().all(|p| marked(p.index as usize)));

@@ -201,6 +201,40 @@ fn the_pitch_of_a_grid_is_no_spike_and_hides_none() {
     assert!(told.err.is_empty(), "{}", told.err);
 }
 
+/// On a terminal the work says how far it is, and with --json not. `script` makes the terminal; without it nothing is asked.
+#[cfg(target_os = "linux")]
+#[test]
+fn long_work_says_how_far_it_is_on_a_terminal_only() {
+    let folder = Folder::new();
+    let cloud = cloud(&folder);
+    let out = folder.path("out.csv");
+    let shown = |more: &str| {
+        let command = format!(
+            "{} scan convert {cloud} -o {out} --force {more}",
+            env!("CARGO_BIN_EXE_umi")
+        );
+        let ran = std::process::Command::new("script")
+            .args(["-qec", &command, "/dev/null"])
+            .env("TERM", "xterm")
+            .stdin(std::process::Stdio::null())
+            .output();
+        ran.ok()
+            .map(|ran| String::from_utf8_lossy(&ran.stdout).into_owned())
+    };
+    let Some(text) = shown("") else {
+        return;
+    };
+    assert!(
+        text.contains("points read") && text.contains("20 of 21 points"),
+        "{text}"
+    );
+    let text = shown("--json").unwrap();
+    assert!(
+        text.starts_with('{') && !text.contains("points read"),
+        "{text}"
+    );
+}
+
 #[test]
 fn what_cannot_be_done_is_named_and_writes_nothing() {
     let folder = Folder::new();

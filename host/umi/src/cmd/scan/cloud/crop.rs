@@ -105,6 +105,7 @@ impl Crop {
             },
             false,
             &|points, drops| Ok(crop(points, regions.clone(), drops)),
+            &[],
         )
     }
 }

@@ -194,10 +194,10 @@ impl Filter {
                     points = range(points, Arc::clone(poses), least, most, drops);
                 }
                 if let Some((off_mm, most)) = self.mixed {
-                    points = mixed(points, off_mm, most as usize, beams.as_ref(), drops);
+                    points = mixed(points, off_mm, most as usize, beams.clone(), drops);
                 }
                 if let Some(off_mm) = self.spike {
-                    points = spikes(points, off_mm, beams.as_ref(), drops);
+                    points = spikes(points, off_mm, beams.clone(), drops);
                 }
                 if self.incidence.is_none() && self.isolated.is_none() && self.statistical.is_none()
                 {
