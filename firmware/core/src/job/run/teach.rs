@@ -187,7 +187,9 @@ impl Run {
     /// line that asked was lost, with its run or alone.
     pub(super) fn against_lost_asking(&self, verdict: &mut Verdict) {
         let asked_in = self.asked_in();
-        let is_known = asked_in == 0 || asked_in == self.learned.asked_in;
+        // What an old run says was so before.
+        let is_known =
+            asked_in == 0 || asked_in == self.learned.asked_in || self.older_than.is_some();
         if !is_known && self.taught().is_some() {
             setup::add(verdict, Reason::AskedInRun { asked_in });
         }
