@@ -11,7 +11,7 @@ use crate::rigid::{Pose, Vec3};
 pub struct Mesh {
     pub(super) triangles: Vec<Triangle>,
     pub(super) tree: Tree,
-    pub(super) facets: Facets,
+    pub(super) facets: Box<Facets>,
     pub(super) dropped: usize,
     pub(super) turned: usize,
 }
@@ -58,7 +58,7 @@ impl Mesh {
         Ok(Self {
             dropped: corners.len() - triangles.len(),
             turned: 0,
-            facets: Facets::new(&triangles, &tree),
+            facets: Box::new(Facets::new(&triangles, &tree)),
             triangles,
             tree,
         })

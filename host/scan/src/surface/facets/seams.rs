@@ -38,8 +38,8 @@ impl Seams {
         let mut corners: Vec<Vec3> = Vec::new();
         let mut runs: Vec<Run> = Vec::with_capacity(3 * triangles.len());
         for (place, t) in triangles.iter().enumerate() {
-            for k in 0..3 {
-                let key = t.corners[k].map(|x| (x + 0.0).to_bits());
+            for (k, corner) in t.corners.iter().enumerate() {
+                let key = corner.map(|x| (x + 0.0).to_bits());
                 let number = *numbers.entry([key.x, key.y, key.z]).or_insert_with(|| {
                     corners.push(Vec3::zeros());
                     corners.len() as u32 - 1
