@@ -19,10 +19,9 @@
 //! all the same, and what is near two of the other is left unpaired and named (`doubtful`).
 
 mod apart;
+mod blame;
 mod clock;
-mod encoder;
 mod even;
-mod jump;
 mod margin;
 mod search;
 #[cfg(test)]
@@ -30,7 +29,6 @@ mod simulated;
 mod skips;
 mod streams;
 mod trains;
-mod units;
 
 use serde::Serialize;
 
@@ -41,6 +39,7 @@ use crate::ScanError;
 use crate::format::triggers::Triggers;
 use crate::profile::Stamp;
 use crate::profile::frames::{FrameCounter, Frames, WildFirst, sort_out};
+use blame::{encoder, jump, units};
 use search::SearchOutcome;
 use streams::{Reach, Streams};
 use trains::near_two::{self, NearTwo};

@@ -8,8 +8,6 @@ mod nearest;
 mod outward;
 mod ray;
 mod shapes;
-#[cfg(test)]
-mod sign_tests;
 mod stl;
 #[cfg(test)]
 mod tests;

@@ -1,5 +1,6 @@
 //! Points that are left out, by reason.
 
+use std::cell::RefCell;
 use std::path::Path;
 
 use serde::Serialize;
@@ -97,4 +98,22 @@ pub(super) fn judged<'a>(
             Some(reason) => drops.borrow_mut().drop_point(reason, &point).err().map(Err),
         }
     }))
+}
+
+/// The points that stay, of which each other one is dropped for this reason.
+pub(super) fn keep(
+    points: Vec<CloudPoint>,
+    drops: &RefCell<Drops>,
+    reason: &'static str,
+    stays: impl Fn(usize, &CloudPoint) -> bool,
+) -> Result<Vec<CloudPoint>, ScanError> {
+    let mut kept = Vec::with_capacity(points.len());
+    for (i, p) in points.into_iter().enumerate() {
+        if stays(i, &p) {
+            kept.push(p);
+        } else {
+            drops.borrow_mut().drop_point(reason, &p)?;
+        }
+    }
+    Ok(kept)
 }

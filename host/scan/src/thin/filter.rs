@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::collections::HashMap;
 
 use super::beside::{ProfileLine, by_profile};
-use super::drops::{Drops, judged};
+use super::drops::{Drops, judged, keep};
 use super::seen::Beams;
 use crate::ScanError;
 use crate::cloud::tree::PointTree;
@@ -153,21 +153,4 @@ pub fn statistical(
     let variance = means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
     let most = mean + sigmas * variance.sqrt();
     keep(points, drops, "outlier", |i, _| means[i] <= most)
-}
-
-pub(super) fn keep(
-    points: Vec<CloudPoint>,
-    drops: &RefCell<Drops>,
-    reason: &'static str,
-    stays: impl Fn(usize, &CloudPoint) -> bool,
-) -> Result<Vec<CloudPoint>, ScanError> {
-    let mut kept = Vec::with_capacity(points.len());
-    for (i, p) in points.into_iter().enumerate() {
-        if stays(i, &p) {
-            kept.push(p);
-        } else {
-            drops.borrow_mut().drop_point(reason, &p)?;
-        }
-    }
-    Ok(kept)
 }

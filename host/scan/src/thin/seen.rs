@@ -7,8 +7,7 @@ use std::sync::Arc;
 use nalgebra::{Matrix3, SymmetricEigen};
 use umi_kinematics::Pose;
 
-use super::drops::{Drops, judged};
-use super::filter::keep;
+use super::drops::{Drops, judged, keep};
 use crate::ScanError;
 use crate::cloud::{CloudPoint, Points};
 use crate::rigid::Vec3;

@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use super::search::{Reaches, reaches};
-use super::streams::Streams;
+use crate::pair::search::{Reaches, reaches};
+use crate::pair::streams::Streams;
 use crate::profile::Stamp;
 use crate::profile::frames::Frames;
 
@@ -15,7 +15,7 @@ const FEWEST: usize = 8;
 const LOOKED_AT: usize = 3;
 
 /// Where the clock jumps.
-pub(super) struct ClockJump {
+pub(in crate::pair) struct ClockJump {
     /// In words.
     pub text: String,
     /// The profiles on its other side than most of what is paired, where what one of them meets is chance; and the few next
@@ -27,7 +27,10 @@ pub(super) struct ClockJump {
 ///
 /// Of the profiles on one side nearly all have a latch and on the other nearly none, though one shift explains most of those
 /// by the latches that are left, or the clock goes back there. Without such latches the board has ended first, or begun later.
-pub(super) fn among_pairs(streams: &Streams<'_>, found: &[Option<usize>]) -> Option<ClockJump> {
+pub(in crate::pair) fn among_pairs(
+    streams: &Streams<'_>,
+    found: &[Option<usize>],
+) -> Option<ClockJump> {
     let stamps = &streams.frames.stamps;
     let mut is_left = vec![true; streams.triggers.latches.len()];
     found
@@ -59,7 +62,7 @@ pub(super) fn among_pairs(streams: &Streams<'_>, found: &[Option<usize>]) -> Opt
 }
 
 /// Where the clock of a scan jumps that no shift explains: at one of its largest steps, if each side has a shift of its own.
-pub(super) fn of_no_match(streams: &Streams<'_>) -> Option<String> {
+pub(in crate::pair) fn of_no_match(streams: &Streams<'_>) -> Option<String> {
     let stamps = &streams.frames.stamps;
     largest_steps(stamps)
         .into_iter()
@@ -75,7 +78,7 @@ pub(super) fn of_no_match(streams: &Streams<'_>) -> Option<String> {
 
 /// Where the clock of a scan goes back and stays there. Of a scan that more than one shift explains nothing else tells: each
 /// part of an even train fits somewhere.
-pub(super) fn back(streams: &Streams<'_>) -> Option<String> {
+pub(in crate::pair) fn back(streams: &Streams<'_>) -> Option<String> {
     let stamps = &streams.frames.stamps;
     largest_steps(stamps)
         .into_iter()

@@ -5,10 +5,10 @@
 //! tried: it is named where the trains agree with it and no shift explains as many profiles without it. So an honest scan
 //! is never refused, however its intervals fall.
 
-use super::search::{Reaches, reaches};
-use super::streams::{Reach, Streams};
-use super::trains::median_interval;
 use crate::ScanError;
+use crate::pair::search::{Reaches, reaches};
+use crate::pair::streams::{Reach, Streams};
+use crate::pair::trains::median_interval;
 
 /// Steps of a search that only says why: a part of a second.
 const STEPS: u64 = 200_000_000;
@@ -42,7 +42,7 @@ const UNITS: [(f64, &str); 8] = [
 ];
 
 /// That the times have another unit, where their rates and a pairing say so; before the long search.
-pub(super) fn other_unit(streams: &Streams<'_>) -> Option<ScanError> {
+pub(in crate::pair) fn other_unit(streams: &Streams<'_>) -> Option<ScanError> {
     let (sensor_us, board_us) = rates(streams)?;
     let off = |factor: f64| (board_us / sensor_us / factor).ln().abs();
     let (factor, what) = UNITS
@@ -71,7 +71,7 @@ pub(super) fn other_unit(streams: &Streams<'_>) -> Option<ScanError> {
 }
 
 /// What the times say where nothing matches: other units that would, and rates that differ; and the factor of the first.
-pub(super) fn hints(streams: &Streams<'_>, reach: &Reach) -> (String, Option<f64>) {
+pub(in crate::pair) fn hints(streams: &Streams<'_>, reach: &Reach) -> (String, Option<f64>) {
     let (mut why, mut first) = (String::new(), None);
     for (factor, what) in UNITS {
         let scaled = streams.within_reach(factor).trains;

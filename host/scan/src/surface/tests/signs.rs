@@ -1,6 +1,6 @@
 //! The sign of a distance at sharp corners, against the solid angle that the surface fills about the point.
 
-use super::*;
+use super::super::*;
 use crate::rigid::Vec3;
 
 /// Random numbers in 0..1 (SplitMix64).

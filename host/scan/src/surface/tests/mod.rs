@@ -1,3 +1,5 @@
+mod signs;
+
 use super::*;
 use crate::rigid::Vec3;
 

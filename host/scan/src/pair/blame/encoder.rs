@@ -1,7 +1,7 @@
 //! Where the clocks agree and the encoder does not: that it is the reason, and how it differs from the board's counts.
 
-use super::search::{SearchOutcome, search_in};
-use super::streams::Streams;
+use crate::pair::search::{SearchOutcome, search_in};
+use crate::pair::streams::Streams;
 
 /// Steps of a search that only says why: a part of a second.
 const STEPS: u64 = 200_000_000;
@@ -13,7 +13,7 @@ const SAME: f64 = 0.01;
 const ABOUT: f64 = 0.5;
 
 /// That the encoder is why no more than `explained` profiles have a latch, where without it one shift explains more.
-pub(super) fn is_why(streams: &Streams<'_>, explained: usize) -> Option<String> {
+pub(in crate::pair) fn is_why(streams: &Streams<'_>, explained: usize) -> Option<String> {
     let shorter = (streams.frames.stamps.len()).min(streams.triggers.latches.len());
     if shorter < explained + FEWEST {
         return None;
