@@ -11,11 +11,10 @@ fn begins(run: &mut Run, outcome: &mut Outcome, of_run: u32, asked_in: u32, asks
         origin,
         asked_in,
     };
-    for said in [Some(frame), asks.map(|again| Said::Teach { again })] {
-        if let Some(said) = said {
-            let announced = Announced { run: of_run, said };
-            run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
-        }
+    let asks = asks.map(|again| Said::Teach { again });
+    for said in core::iter::once(frame).chain(asks) {
+        let announced = Announced { run: of_run, said };
+        run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
     }
 }
 
