@@ -756,9 +756,9 @@ pub enum Reason {
         /// The run that taught.
         run: u32,
     },
-    /// The control was asked to teach by a line that has not come: what is taught is older than what was meant.
+    /// The control was asked to teach in a run of which nothing was judged: what is taught is older than what was meant.
     #[error(
-        "the control was asked to teach in run {asked_in}, and the board has not read that: what it was taught before is not what was meant; teach again (`T2.`, or `umi teach --again`)"
+        "the control was asked to teach in run {asked_in}, and nothing of that run was judged: what the board was taught before is not what was meant; teach again (`T2.`, or `umi teach --again`)"
     )]
     AskedInRun {
         /// The run in which it was asked, as the control says it.

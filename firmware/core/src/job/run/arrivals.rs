@@ -313,6 +313,10 @@ impl Run {
         {
             return Belongs::Here;
         }
+        // What was given up ends where another setup may have begun.
+        if self.against.contains(&Reason::GivenUp) {
+            return Belongs::NextSetup;
+        }
         let judged = self.progress == Progress::Judged;
         // A job of one feature, or a program run again from its start.
         if judged && place == 0 && self.slot_is_ok(place) {

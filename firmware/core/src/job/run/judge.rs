@@ -71,7 +71,7 @@ impl Run {
         } else if self.ends_doubt(&verdict) {
             self.no_doubt(out);
         }
-        let widens = self.widens(&verdict);
+        let widens = self.widens(&verdict) | self.has_told_refusal();
         self.add_remarks(taught, &mut verdict);
         if taught {
             self.learned = Lessons::NONE;

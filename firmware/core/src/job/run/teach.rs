@@ -172,24 +172,32 @@ impl Run {
         self.frame.as_ref().map_or(0, |frame| frame.asked_in)
     }
 
-    /// A line that asked to teach was read and refused, and what is taught stays: so it is not one that was lost.
-    pub(super) fn has_read_asking(&mut self, out: &mut impl FnMut(Decision<'_>)) {
-        let asked_in = self.asked_in();
-        if asked_in != self.learned.asked_in && self.taught().is_some() {
-            self.learned.asked_in = asked_in;
-            if let Some(taught) = self.taught() {
-                out(Decision::Taught(taught));
-            }
+    /// A setup whose line asked to teach was judged: what is taught stays, and its verdict has said so. Whether it has changed
+    /// what is kept.
+    pub(super) fn has_told_refusal(&mut self) -> bool {
+        // The line itself says its run: the first one, which has it too, may have come damaged.
+        let run = self.run.filter(|_| self.is_refused_teaching());
+        match run.filter(|_| self.taught().is_some()) {
+            Some(run) => core::mem::replace(&mut self.learned.asked_in, run) != run,
+            None => false,
         }
     }
 
-    /// What is held against a setup whose run says that the control was asked to teach since the reference was taught: the
-    /// line that asked was lost, with its run or alone.
+    /// Whether this setup's line asked to teach, and was refused.
+    fn is_refused_teaching(&self) -> bool {
+        let is_one = |reason| matches!(reason, &Reason::AlreadyTaught | &Reason::TaughtTwice);
+        self.against.iter().any(is_one)
+    }
+
+    /// What is held against a setup whose run says that the control was asked to teach since the reference was taught, in a run
+    /// of which nothing was judged: the line that asked was lost, or all else.
     pub(super) fn against_lost_asking(&self, verdict: &mut Verdict) {
         let asked_in = self.asked_in();
-        // What an old run says was so before.
-        let is_known =
-            asked_in == 0 || asked_in == self.learned.asked_in || self.older_than.is_some();
+        // What an old run says was so before; and of a refused request its own verdict says all.
+        let is_known = asked_in == 0
+            || asked_in == self.learned.asked_in
+            || self.older_than.is_some()
+            || self.is_refused_teaching();
         if !is_known && self.taught().is_some() {
             setup::add(verdict, Reason::AskedInRun { asked_in });
         }

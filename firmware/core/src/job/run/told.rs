@@ -84,7 +84,6 @@ impl Run {
                     }
                     self.next_setup();
                     self.hold_against(Reason::TaughtTwice);
-                    self.has_read_asking(out);
                     return;
                 }
                 let what = if again {
@@ -96,7 +95,6 @@ impl Run {
                 if let Err(TeachRefusal::AlreadyTaught) = taken {
                     self.next_setup();
                     self.hold_against(Reason::AlreadyTaught);
-                    self.has_read_asking(out);
                 }
             }
         }

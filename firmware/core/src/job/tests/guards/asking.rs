@@ -3,6 +3,12 @@
 use super::*;
 use crate::dprnt::{Announced, Said};
 
+fn says(run: &mut Run, outcome: &mut Outcome, of_run: u32, again: bool) {
+    let said = Said::Teach { again };
+    let announced = Announced { run: of_run, said };
+    run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
+}
+
 /// What O8811 prints at a run's start: its offset, with the run in which it was last asked to teach, then what it asks.
 fn begins(run: &mut Run, outcome: &mut Outcome, of_run: u32, asked_in: u32, asks: Option<bool>) {
     let origin = Point::from_mm(0.0, 0.0, 0.0);
@@ -61,6 +67,42 @@ fn what_was_taught_before_a_lost_request_holds_no_more() {
         probes(&mut restarted, &mut after, 7, 6, None);
         assert_eq!(after.summary(), ["asked_in_run", "OK", "OK"], "{teach:?}");
     }
+}
+
+/// A request that is refused counts as known once a verdict has said so: where nothing else of its run comes, nobody was told.
+#[test]
+fn a_request_of_which_nothing_was_judged_is_lost() {
+    for (teach, first, then) in [
+        (Teach::Asked, false, false),
+        (Teach::FirstOk, false, false),
+        (Teach::FirstOk, true, true),
+    ] {
+        let (mut run, mut outcome) = asked(teach);
+        probes(&mut run, &mut outcome, 1, 1, Some(first));
+        if teach == Teach::Asked {
+            probes(&mut run, &mut outcome, 2, 1, None);
+        }
+        begins(&mut run, &mut outcome, 3, 3, Some(then));
+        probes(&mut run, &mut outcome, 4, 3, None);
+        let summary = outcome.summary();
+        assert_eq!(
+            summary.last().unwrap(),
+            "asked_in_run",
+            "{teach:?} {summary:?}"
+        );
+    }
+}
+
+/// Its first line may come damaged: the line that asks says its run as well.
+#[test]
+fn a_refused_request_says_its_run_itself() {
+    let (mut run, mut outcome) = asked(Teach::Asked);
+    probes(&mut run, &mut outcome, 1, 1, Some(false));
+    probes(&mut run, &mut outcome, 2, 1, None);
+    says(&mut run, &mut outcome, 3, false);
+    send(&mut run, &mut outcome, &clamping(2, [1, 2, 3]), 3);
+    probes(&mut run, &mut outcome, 4, 3, None);
+    assert_eq!(outcome.summary(), ["OK", "OK", "already_taught", "OK"]);
 }
 
 /// One that was read and refused is not lost: what is taught stays, as the verdict has said. Nor is one that a host has

@@ -118,6 +118,30 @@ fn asking_anew_gives_up_what_is_under_way() {
     assert!(run.taught().is_some());
 }
 
+/// Blocks without runs: a probing that ended on a bad feature is given up, and the next one, which begins with that feature,
+/// is none of it.
+#[test]
+fn what_is_given_up_takes_nothing_of_the_next_setup() {
+    let mut asked = job();
+    asked.teach = Teach::Asked;
+    let mut run = Run::new(asked);
+    let mut outcome = Outcome::default();
+    let mut spoilt = clamping(0, [1, 2, 3]);
+    spoilt[0].1[0][2] += 0.2;
+    let (name, points) = &spoilt[0];
+    feed(&mut run, &mut outcome, name, points, 5);
+    run.teach(Micros(2), HOST, TeachWhat::Again, &mut |d| outcome.take(d))
+        .unwrap();
+    for (name, points) in clamping(1, [1, 2, 3]) {
+        feed(&mut run, &mut outcome, &name, &points, 5);
+    }
+    let summary = outcome.summary();
+    assert_eq!(summary.len(), 2, "{summary:?}");
+    assert!(summary[0].contains("given_up"), "{summary:?}");
+    assert_eq!(summary[1], "OK");
+    assert!(run.taught().is_some());
+}
+
 /// A line asks for its own run: if nothing else of that comes, the next run teaches nothing.
 #[test]
 fn a_line_asks_for_its_own_run() {
