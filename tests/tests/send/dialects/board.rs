@@ -73,6 +73,12 @@ fn what_a_code_does_not_have_is_not_begun() {
     for (dialect, has) in [(Dialect::G10G68, true), (Dialect::Variables, false)] {
         let mut job = job(dialect);
         job.receiver.coding = Coding::Eia;
+        if !has {
+            // Said, it is refused; found out by listening, nothing is begun.
+            let refused = Desk::new(&job).err().expect("a refusal");
+            assert_eq!(refused.code, "coding_lacks");
+            job.receiver.coding = Coding::Auto;
+        }
         let mut bench = Desk::new(&job).unwrap();
         let verdict = verdict(&mut bench, |byte| {
             // A separator of the session that EIA does not have.

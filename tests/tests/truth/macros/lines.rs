@@ -265,11 +265,12 @@ fn a_run_says_which_one_was_last_to_teach() {
         );
         assert_eq!(ran.alarm, None, "{family:?}");
         let text = String::from_utf8_lossy(ran.bytes()).replace(' ', "");
+        // Each control ends its lines in its own way.
         let said: Vec<String> = text
-            .lines()
+            .split("UMI1R")
             .filter(|line| line.contains("A7T0"))
             .map(|line| {
-                let (run, rest) = line[5..].split_once('S').unwrap();
+                let (run, rest) = line.split_once('S').unwrap();
                 let (_, rest) = rest.split_once('F').unwrap();
                 let (asked_in, _) = rest.split_once('.').unwrap();
                 format!("{run} {asked_in}")

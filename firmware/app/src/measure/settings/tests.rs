@@ -113,7 +113,7 @@ fn one_wrong_bit_brings_nothing_back() {
             .save(Micros(2), &job("B"), None, &mut scratch)
             .unwrap();
         let after = store.journal.into_flash().0;
-        let (mut tried, mut refused) = (0, 0);
+        let mut tried = 0;
         for at in 0..after.len() {
             let is_header = at % SECTOR < 64 && after[at] != 0xFF;
             if after[at] == before[at] && !is_header {
@@ -132,11 +132,11 @@ fn one_wrong_bit_brings_nothing_back() {
                             "byte {at}, bit {bit}"
                         );
                     }
-                    Ok(Err(_)) | Err(_) => refused += 1,
+                    // Of a sector whose header is damaged nothing can be proven.
+                    Ok(Err(_)) | Err(_) => assert!(is_header, "byte {at}, bit {bit}"),
                 }
             }
         }
         assert!(tried > 4000, "{tried}");
-        assert!(refused < tried / 10, "{refused} of {tried}");
     }
 }
