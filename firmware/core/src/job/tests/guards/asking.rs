@@ -3,12 +3,6 @@
 use super::*;
 use crate::dprnt::{Announced, Said};
 
-fn says(run: &mut Run, outcome: &mut Outcome, of_run: u32, again: bool) {
-    let said = Said::Teach { again };
-    let announced = Announced { run: of_run, said };
-    run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
-}
-
 /// What O8811 prints at a run's start: its offset, with the run in which it was last asked to teach, then what it asks.
 fn begins(run: &mut Run, outcome: &mut Outcome, of_run: u32, asked_in: u32, asks: Option<bool>) {
     let origin = Point::from_mm(0.0, 0.0, 0.0);

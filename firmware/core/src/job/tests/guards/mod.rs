@@ -33,6 +33,13 @@ fn whole_session(order: [usize; 3]) -> Vec<Block> {
     (0..5).flat_map(|number| clamping(number, order)).collect()
 }
 
+/// The control says that this run teaches.
+fn says(run: &mut Run, outcome: &mut Outcome, of_run: u32, again: bool) {
+    let said = Said::Teach { again };
+    let announced = Announced { run: of_run, said };
+    run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
+}
+
 /// Lines with a run number: hits of features by their id.
 fn send(run: &mut Run, outcome: &mut Outcome, blocks: &[Block], of_run: u32) {
     for (name, points) in blocks {

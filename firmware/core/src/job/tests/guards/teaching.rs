@@ -558,13 +558,6 @@ fn a_line_replaces_what_the_setup_before_has_taught() {
     assert_ne!(run.taught().unwrap().places, before);
 }
 
-/// The control says that this run teaches.
-fn says(run: &mut Run, outcome: &mut Outcome, of_run: u32, again: bool) {
-    let said = Said::Teach { again };
-    let announced = Announced { run: of_run, said };
-    run.announced(&announced, Micros(1), &mut |d| outcome.take(d));
-}
-
 /// A line asks to teach; without "again" it does not replace what there is.
 #[test]
 fn a_line_teaches() {

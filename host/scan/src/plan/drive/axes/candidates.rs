@@ -105,37 +105,23 @@ impl Driver<'_> {
         }
         let mut states = Vec::new();
         let wanted = [&beam, &line];
+        let mut add_at = |each: &Asked, standing: &_, states: &mut _| {
+            self.add_states(each.0, standing, point, stance, wanted, room_mm, states);
+        };
         // Those that lean beyond what is wished, and not beyond what is allowed.
         let mut leant: Vec<&Asked> = Vec::new();
         for each in &asked {
             let standing = self.standing(each);
             let beam = standing.axes().beam();
             if self.wished.holds(&beam, &point.normal) {
-                self.add_states(
-                    each.0,
-                    &standing,
-                    point,
-                    stance,
-                    wanted,
-                    room_mm,
-                    &mut states,
-                );
+                add_at(each, &standing, &mut states);
             } else if self.allowed.holds(&beam, &point.normal) {
                 leant.push(each);
             }
         }
         if states.is_empty() {
             for each in leant {
-                let standing = self.standing(each);
-                self.add_states(
-                    each.0,
-                    &standing,
-                    point,
-                    stance,
-                    wanted,
-                    room_mm,
-                    &mut states,
-                );
+                add_at(each, &self.standing(each), &mut states);
             }
         }
         if let Some((place, _)) = self.aiming.last() {
