@@ -328,50 +328,59 @@ fn square(long: f64) -> Mesh {
 /// size is OK.
 #[test]
 fn one_view_of_little_noise_tells_its_size() {
+    tell_their_size(0.002);
+}
+
+/// The same with ten times the noise, by hand.
+#[test]
+#[ignore = "half a minute"]
+fn one_view_of_some_noise_tells_its_size() {
+    tell_their_size(0.02);
+}
+
+fn tell_their_size(noise: f64) {
     let mut random = Random(41);
     let (mut told, mut all, mut clean) = (0, 0, 0);
     for model in [bracket(), square(90.0), square(200.0)] {
-        for noise in [0.002, 0.02] {
-            for factor in [1.0, 0.996, 1.0015, 1.004, 1.01, 1.02] {
-                let pose = random.pose();
-                let eye = Vec3::new(0.5, -0.6, 0.6) + random.vector() * 0.1;
-                let eye = eye.normalize();
-                let mut points = scan(&model, 3000, noise, &pose, &mut random, |n| {
-                    n.dot(&eye) > 0.1
-                });
-                for q in &mut points {
-                    *q *= factor;
-                }
-                let mut task = task(&model, &points);
-                let off = f64::abs(factor - 1.0) * 1e6;
-                if off > 3000.0 {
-                    task.scale_limit_ppm = 0.7 * off;
-                }
-                let found = task.find();
-                let what = format!("{noise} mm, {factor}");
-                if off == 0.0 {
-                    let found = found.unwrap_or_else(|error| panic!("{what}: {}", error.message));
-                    assert!(found.reasons.is_empty(), "{what}: {:?}", found.reasons);
-                    clean += 1;
-                    continue;
-                }
-                all += 1;
-                if let Ok(found) = found {
-                    let c = &found.certainty;
-                    let codes: Vec<&str> = found.reasons.iter().map(|r| r.code).collect();
-                    assert_eq!(codes, ["scale"], "{what}: {} ± {}", c.scale, c.u_scale);
-                    told += usize::from((c.scale - factor).abs() * 1e6 < 0.1 * off);
-                    for p in model.corners() {
-                        let image = pose.point(&p) * factor;
-                        let off = (found.motion.point(&p) - image).norm();
-                        let u = c.at(&found.motion, &p).trace().sqrt();
-                        assert!(off < 4.0 * u, "{what}: {off} mm off, u {u} mm");
-                    }
+        for factor in [1.0, 0.996, 1.0015, 1.004, 1.01, 1.02] {
+            let pose = random.pose();
+            let eye = Vec3::new(0.5, -0.6, 0.6) + random.vector() * 0.1;
+            let eye = eye.normalize();
+            let mut points = scan(&model, 3000, noise, &pose, &mut random, |n| {
+                n.dot(&eye) > 0.1
+            });
+            for q in &mut points {
+                *q *= factor;
+            }
+            let mut task = task(&model, &points);
+            let off = f64::abs(factor - 1.0) * 1e6;
+            if off > 3000.0 {
+                task.scale_limit_ppm = 0.7 * off;
+            }
+            let found = task.find();
+            let what = format!("{noise} mm, {factor}");
+            if off == 0.0 {
+                let found = found.unwrap_or_else(|error| panic!("{what}: {}", error.message));
+                assert!(found.reasons.is_empty(), "{what}: {:?}", found.reasons);
+                clean += 1;
+                continue;
+            }
+            all += 1;
+            if let Ok(found) = found {
+                let c = &found.certainty;
+                let codes: Vec<&str> = found.reasons.iter().map(|r| r.code).collect();
+                assert_eq!(codes, ["scale"], "{what}: {} ± {}", c.scale, c.u_scale);
+                told += usize::from((c.scale - factor).abs() * 1e6 < 0.1 * off);
+                for p in model.corners() {
+                    let image = pose.point(&p) * factor;
+                    let off = (found.motion.point(&p) - image).norm();
+                    let u = c.at(&found.motion, &p).trace().sqrt();
+                    assert!(off < 4.0 * u, "{what}: {off} mm off, u {u} mm");
                 }
             }
         }
     }
-    assert!(clean == 6 && 2 * told > all, "{told} of {all} told");
+    assert!(clean == 3 && 2 * told > all, "{told} of {all} told");
 }
 
 /// A face that is worn by 0.3 mm all over, of a part of 120 mm: what is said of it, by how much of the part is seen.

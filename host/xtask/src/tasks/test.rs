@@ -45,13 +45,14 @@ struct Run<'a> {
 type Action = fn(&Run<'_>) -> Result<Outcome>;
 
 /// The steps in order, each with whether `--quick` runs it too.
-const STEPS: [(&str, bool, Action); 10] = [
+const STEPS: [(&str, bool, Action); 11] = [
     ("format", true, format),
     ("set-up", false, set_up),
     ("dependencies", false, dependencies),
     ("lints", true, lints),
     ("spelling", false, spelling),
     ("documentation", false, documentation),
+    ("build", true, build),
     ("firmware", false, firmware),
     ("tests", true, tests),
     ("second compiler", false, second_compiler),
@@ -230,6 +231,15 @@ fn documentation(run: &Run<'_>) -> Result<Outcome> {
     Ok(Outcome::Passed)
 }
 
+/// For release, as users build it: the demo needs no other build. Before the images are waited for, as each has one
+/// processor idle at its end.
+const TESTS: [&str; 3] = ["test", "--release", "--workspace"];
+
+fn build(run: &Run<'_>) -> Result<Outcome> {
+    execute(run.workspace.cargo().args(TESTS).arg("--no-run"))?;
+    Ok(Outcome::Passed)
+}
+
 /// CI must have a compiler for firmware; a desk without one may still run the rest.
 fn firmware(run: &Run<'_>) -> Result<Outcome> {
     let Some(background) = run.firmware.take() else {
@@ -249,9 +259,9 @@ fn firmware(run: &Run<'_>) -> Result<Outcome> {
 
 fn tests(run: &Run<'_>) -> Result<Outcome> {
     let mut missing = Vec::new();
-    // All failures in one run: CI is slow to ask again. For release, as users build it: the demo needs no other build.
+    // All failures in one run: CI is slow to ask again.
     let mut command = run.workspace.cargo();
-    command.args(["test", "--release", "--workspace", "--no-fail-fast"]);
+    command.args(TESTS).arg("--no-fail-fast");
     if std::env::var_os("RUST_TEST_THREADS").is_none() {
         // Many tests wait for a board or a tool rather than compute.
         let processors = std::thread::available_parallelism().map_or(1, |count| count.get());

@@ -3,6 +3,7 @@
 //!
 //! The long forms are run by `cargo test -p umi-tests --test boards pico:: -- --ignored --nocapture`.
 
+mod boot_loader;
 mod cache;
 mod faults;
 mod figures;
@@ -11,5 +12,4 @@ mod load;
 mod owner;
 mod selftest;
 mod serial;
-mod update;
 mod usb;
