@@ -138,7 +138,8 @@ export class Board {
   /** The chip resets itself, or its RUN pin does. */
   restart(chip = this.chip) {
     const why = chip.resetRequested ?? 'RUN pin';
-    this.resets.push({ why, cycle: this.cycle });
+    const { fault, faultCycle } = chip.core;
+    this.resets.push({ why, cycle: this.cycle, fault, fault_cycle: faultCycle });
     const reason = { 'watchdog timer': 1, watchdog: 2 }[why] ?? 0;
     const scratch = chip.scratch.slice();
     const memory = chip.memory.slice();

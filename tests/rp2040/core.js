@@ -130,6 +130,10 @@ export class Core {
     this.interrupts = Array.from({ length: 32 }, () => [-1, -1, 0, 0, 0]);
     /** Why the board stopped for good, if it did. */
     this.fault = null;
+    /** When. */
+    this.faultCycle = null;
+    /** Whether the core stops where what it saves at a fault has no memory; else the handler begins without. */
+    this.stopsWithoutStack = false;
     /** Where the handler of faults began. */
     this.handler = 0;
     // Interrupt lines, apart from what software has pended.
@@ -240,9 +244,15 @@ export class Core {
     return 0;
   }
 
+  /** Keeps the first. */
+  note(fault) {
+    this.fault ??= fault;
+    this.faultCycle ??= this.chip.epoch + this.chip.cycle;
+  }
+
   hardFault(what) {
     const at = (this.core.PC - 2) >>> 0;
-    this.fault ??= `${what} at ${at.toString(16)}`;
+    this.note(`${what} at ${at.toString(16)}`);
     if (this.core.IPSR !== HARD_FAULT) {
       this.core.exceptionEntry(HARD_FAULT);
       this.handler = this.registers[15];
@@ -303,7 +313,7 @@ export class Core {
       } else if (pc >>> 24 === 0x20) op = sram16[(pc & 0xfffff) >> 1];
       else if (chip.rom?.call(pc, r)) continue;
       else {
-        this.fault ??= `program counter outside memory: ${(pc >>> 0).toString(16)}`;
+        this.note(`program counter outside memory: ${(pc >>> 0).toString(16)}`);
         c.waiting = true;
         c.PM = true;
         break;
@@ -764,9 +774,13 @@ function storeCycles(address) {
 function patchExceptions(taker, core, ppb) {
   const enter = core.exceptionEntry;
   core.exceptionEntry = (number) => {
-    // Without a stack no other handler is entered, and that of faults gets no further.
+    // Without a stack no other handler is entered, and that of faults begins without what is saved, or not at all.
     if ((core.registers[13] - 32 - 0x20000000) >>> 0 >= SRAM_SIZE) {
-      taker.fault ??= `no memory for the stack: ${(core.registers[13] >>> 0).toString(16)}`;
+      taker.note(`no memory for the stack: ${(core.registers[13] >>> 0).toString(16)}`);
+      if (taker.stopsWithoutStack) {
+        taker.lockUp();
+        return;
+      }
       number = HARD_FAULT;
     }
     enter.call(core, number);

@@ -10,7 +10,7 @@
 //
 // | do         | with                                   | what                                          |
 // | ---------- | -------------------------------------- | --------------------------------------------- |
-// | state      |                                        | cycle, is_on, is_running, fault, resets, led and other outputs, uart, usb, dma_aborts, nor, speed |
+// | state      |                                        | cycle, is_on, is_running, fault, fault_cycle, resets, led and other outputs, uart, usb, dma_aborts, nor, speed |
 // | run        | cycles                                 | runs so far, then stands still; answers state  |
 // | free       | speed = 1                              | runs by itself, at most `speed` times real time (0: as fast as it can) |
 // | pause      |                                        | stands still                                   |
@@ -26,9 +26,9 @@
 // | usb        | plugged                                | the USB plug                                   |
 // | usb_fault  | fault                                  | `unheard`: nothing comes of the next enumeration; `disabled`: the hub switches the port off |
 // | descriptors |                                       | what the host has read: device and configuration (hex), manufacturer, product, serial |
-// | uart       | baud, rts_cts = false, after_xoff      | the control's own baud rate (null: the board's); whether it sends only while RTS lets it; how many characters it still sends after an XOFF (null: it does not obey) |
+// | uart       | baud, stop_bits, rts_cts = false, after_xoff | the control's own baud rate and stop bits (null: the board's); whether it sends only while RTS lets it; how many characters it still sends after an XOFF (null: it does not obey) |
 // | packets    |                                        | of the link since asked last: [cycle, bytes from the board, or below zero to it] |
-// | stamps     |                                        | cycles at which the last characters to the control ended |
+// | stamps     |                                        | cycles at which the last characters to the control ended, and those from it: came |
 // | send       | bytes (hex)                            | the control sends, without the TCP port in between |
 // | nor_read   | address, length                        | contents (hex)                                 |
 // | nor_write  | address, bytes (hex)                   | puts contents                                  |
@@ -45,6 +45,7 @@
 // | sink_stack | top, bottom, free                      | leaves so much of the stack, if the core sleeps |
 // | time       |                                        | cycle, and at it timer_us, the chip's own microsecond timer; began: the cycle at which the chip came out of reset, and with it that timer |
 // | interrupts |                                        | rows since asked last: number, how many, longest wait from request to entry, longest run, in cycles |
+// | no_stack   | stops                                  | whether a fault without memory for the stack stops the core, until the next reset; else the handler begins |
 // | crash      |                                        | the core has a HardFault; answers cycle |
 // | cache      | line_cycles, words                     | what a line of the flash costs the core from now on (cache.js; 0: nothing), or whether its words come one by one; answers hits and misses since asked last |
 // | dma_hold   | cycles                                 | the bus is taken: no channel gets a transfer for so long |
@@ -236,6 +237,7 @@ class Bench {
       }
       case 'uart':
         control.baud = request.baud ?? null;
+        control.stopBits = request.stop_bits ?? null;
         control.minds = request.rts_cts ?? false;
         control.afterXoff = request.after_xoff ?? null;
         control.uart?.poke();
@@ -246,9 +248,10 @@ class Bench {
         return { packets };
       }
       case 'stamps': {
-        const { stamps } = control;
+        const { stamps, came } = control;
         control.stamps = [];
-        return { stamps };
+        control.came = [];
+        return { stamps, came };
       }
       case 'send':
         control.send(Buffer.from(request.bytes, 'hex'));
@@ -311,6 +314,10 @@ class Bench {
       case 'interrupts':
         if (chip === null) throw new Error('the board has no power');
         return { rows: chip.core.takeInterruptTimes() };
+      case 'no_stack':
+        if (chip === null) throw new Error('the board has no power');
+        chip.core.stopsWithoutStack = request.stops;
+        return {};
       case 'crash':
         if (chip === null) throw new Error('the board has no power');
         chip.core.crash();
@@ -345,6 +352,7 @@ class Bench {
       is_on: board.isOn,
       is_running: this.isFree || this.runs.length > 0,
       fault: chip?.core.fault ?? null,
+      fault_cycle: chip?.core.faultCycle ?? null,
       resets: board.resets,
       outputs,
       core: {

@@ -51,9 +51,9 @@ mod tests {
 
     const S: u32 = 1_000_000;
     /// As on the Pico: host's tasks, measuring, and the chip's counter.
-    const HOST_US: u32 = S;
+    const HOST_US: u32 = 8 * S;
     const MEASURING_US: u32 = 120 * S;
-    const COUNTER_US: u32 = 8 * S;
+    const COUNTER_US: u32 = S;
     /// The highest interrupt.
     const TICK_US: u32 = 500;
 

@@ -71,6 +71,8 @@ pub enum Stimulus {
     Panic,
     /// Measuring never answers again.
     Hang,
+    /// The firmware's stack overflows.
+    Overflow,
 }
 
 /// How a board stands.

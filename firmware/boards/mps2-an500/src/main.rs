@@ -31,6 +31,8 @@
 mod chip;
 mod clock;
 mod crash_note;
+#[path = "../../common/fault_entry.rs"]
+mod fault_entry;
 mod path;
 mod ports;
 mod storage;

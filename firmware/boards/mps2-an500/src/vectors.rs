@@ -3,7 +3,7 @@
 use core::fmt::Write as _;
 
 use cortex_m::peripheral::{NVIC, SCB};
-use cortex_m_rt::{ExceptionFrame, exception};
+use cortex_m_rt::exception;
 
 use crate::chip::{Interrupt, Priority};
 use crate::{
@@ -113,11 +113,14 @@ unsafe fn NonMaskableInt() -> ! {
     SCB::sys_reset()
 }
 
-/// The core cannot go on.
-#[exception(trampoline = true)]
-unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
+/// The core cannot go on: from `fault_entry`.
+#[unsafe(no_mangle)]
+extern "C" fn on_fault(address: u32) -> ! {
     let mut place = heapless::String::<32>::new();
-    let _ = write!(place, "hard fault at {:#010x}", frame.pc());
+    let _ = match address {
+        0 => write!(place, "the stack has overflowed"),
+        _ => write!(place, "hard fault at {address:#010x}"),
+    };
     crash_note::note_fault(&place);
     SCB::sys_reset()
 }

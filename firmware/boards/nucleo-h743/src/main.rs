@@ -31,6 +31,8 @@
 
 mod axes;
 mod control;
+#[path = "../../common/fault_entry.rs"]
+mod fault_entry;
 mod memory;
 mod reset;
 #[allow(
@@ -133,7 +135,7 @@ fn main() -> ! {
     timers::start();
     timers::start_looking();
     alarms::start();
-    control::start();
+    control::start(Output::new(p.PD4, Level::Low, low));
     sensor::start();
 
     let select = Output::new(p.PE4, Level::High, Speed::VeryHigh);

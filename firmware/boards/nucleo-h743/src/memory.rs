@@ -7,7 +7,7 @@
 
 use cortex_m::peripheral::{CPUID, MPU, SCB};
 
-use crate::resources::{MPU_CONTROL, MPU_NOTHING_THERE};
+use crate::resources::{BELOW_STACK, MPU_BELOW_STACK, MPU_CONTROL, MPU_NOTHING_THERE};
 
 /// What is in the DTCM gets its first values, as `cortex-m-rt` gives `.data` its own.
 #[cortex_m_rt::pre_init]
@@ -33,14 +33,17 @@ unsafe fn fill_dtcm() {
     }
 }
 
-/// Caches on, when nothing is read ahead where nothing is.
+/// Caches on, when nothing is read ahead where nothing is; and what the stack overflows is a fault from here on.
 pub fn cache(mpu: &MPU, scb: &mut SCB, cpuid: &mut CPUID) {
     cortex_m::asm::dmb();
-    // SAFETY: nothing of this image is in the region, and outside of it all stays as it was.
+    // SAFETY: nothing of this image is in the regions, and outside of them all stays as it was.
     unsafe {
         mpu.rnr.write(0);
         mpu.rbar.write(0);
         mpu.rasr.write(MPU_NOTHING_THERE);
+        mpu.rnr.write(1);
+        mpu.rbar.write(BELOW_STACK);
+        mpu.rasr.write(MPU_BELOW_STACK);
         mpu.ctrl.write(MPU_CONTROL);
     }
     cortex_m::asm::dsb();

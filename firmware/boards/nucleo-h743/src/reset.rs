@@ -4,7 +4,7 @@ use core::cell::UnsafeCell;
 use core::panic::PanicInfo;
 
 use cortex_m::peripheral::SCB;
-use cortex_m_rt::{ExceptionFrame, exception};
+use cortex_m_rt::exception;
 use embassy_stm32::pac::{GPIOF, GPIOG, RCC};
 use umi_protocol::message::ResetReason;
 
@@ -117,9 +117,9 @@ fn panic(info: &PanicInfo<'_>) -> ! {
     reset_now()
 }
 
-/// The core cannot go on. Memory, bus and usage faults come here, too: they are not enabled.
-#[exception]
-unsafe fn HardFault(_: &ExceptionFrame) -> ! {
+/// The core cannot go on: from `fault_entry`. Memory, bus and usage faults come here, too: they are not enabled.
+#[unsafe(no_mangle)]
+extern "C" fn on_fault(_: u32) -> ! {
     reset_now()
 }
 

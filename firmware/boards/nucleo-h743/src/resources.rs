@@ -71,10 +71,11 @@ pub const TRIGGER: [Signal; TIMERS] = [
     signal(('A', 3), "TIM5", "CH4", 2),
 ];
 
-/// RS-232 to the control.
-pub const CONTROL: [Signal; 2] = [
+/// RS-232 to the control. RTS, beside them, is a plain pin: the port would take it away while a byte waits.
+pub const CONTROL: [Signal; 3] = [
     signal(('D', 5), "USART2", "TX", 7),
     signal(('D', 6), "USART2", "RX", 7),
+    signal(('D', 3), "USART2", "CTS", 7),
 ];
 
 /// RS-232 or RS-422 from a distance sensor.
@@ -97,9 +98,10 @@ pub const USB: [Signal; 2] = [
 ];
 
 /// Plain pins: select line of the flash, OK, NG, busy, laser, the red LED LD3, the blue button B1, and
-/// what a distance sensor tells the control: skip, parity, is OK, has no signal; and VBUS of the USB
-/// connector, at which the controller looks without an alternate function.
-pub const PLAIN: [(char, u8); 12] = [
+/// what a distance sensor tells the control: skip, parity, is OK, has no signal; VBUS of the USB
+/// connector, at which the controller looks without an alternate function; and RTS to the control.
+pub const PLAIN: [(char, u8); 13] = [
+    ('D', 4),
     ('E', 4),
     ('F', 13),
     ('F', 14),
@@ -303,6 +305,19 @@ pub const MPU_NOTHING_THERE: u32 = {
     // No access: AP = 0. Strongly ordered, so not read ahead: TEX, C, B = 0.
     ENABLE | ALL | NOT_THESE | NEVER_EXECUTED
 };
+/// The 128 KB below the DTCM, in which the stack comes first (`memory.x`): reserved addresses (RM0433, 2.3.2), a write
+/// to which the bus may answer late or not at all. Longer than any function's frame, so that none steps over it.
+pub const BELOW_STACK: u32 = 0x2000_0000 - (1 << BELOW_STACK_LOG2);
+const BELOW_STACK_LOG2: u32 = 17;
+/// MPU_RASR of it: no access, and with that a fault of the instruction that tries.
+pub const MPU_BELOW_STACK: u32 = {
+    const ENABLE: u32 = 1;
+    const NEVER_EXECUTED: u32 = 1 << 28;
+    ENABLE | (BELOW_STACK_LOG2 - 1) << 1 | NEVER_EXECUTED
+};
+// The MPU wants a region to begin at a multiple of its length; the chip's own loader ends below it.
+const _: () =
+    assert!(BELOW_STACK.is_multiple_of(1 << BELOW_STACK_LOG2) && BELOW_STACK > 0x1FF1_FFFF);
 /// MPU_CTRL: enabled, and what has no region stays as it is without an MPU (PRIVDEFENA).
 pub const MPU_CONTROL: u32 = 0b101;
 

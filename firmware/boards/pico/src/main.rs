@@ -49,8 +49,8 @@ mod usb_plug;
 use core::fmt::Write as _;
 use core::panic::PanicInfo;
 
+use cortex_m_rt::exception;
 use cortex_m_rt::interrupt;
-use cortex_m_rt::{ExceptionFrame, exception};
 use defmt_rtt as _;
 use embassy_executor::{Executor, InterruptExecutor, SpawnError, SpawnToken};
 use embassy_futures::join::join4;
@@ -380,10 +380,11 @@ unsafe fn SWI_IRQ_1() {
     unsafe { HOST_TASKS.on_interrupt() }
 }
 
-#[exception]
-unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
+/// The core cannot go on: from `safety::fault_entry`.
+#[unsafe(no_mangle)]
+extern "C" fn on_fault(address: u32) -> ! {
     guard::dark();
-    crash_note::note_fault(frame.pc());
+    crash_note::note_fault(address);
     guard::reset_now()
 }
 

@@ -114,11 +114,13 @@ pub const HOST_TASKS: Priority = Priority::P3;
 /// nothing below the host's: there measuring is below by what its handler does.
 pub const MEASURING: u8 = HOST_TASKS as u8 + if cfg!(feature = "rp2350") { 0x10 } else { 0 };
 
-/// The watchdog's patience with the highest interrupt: nearly all that its counter holds.
-pub const WATCHDOG_MS: u64 = 8_000;
+/// The watchdog's patience with the highest interrupt, which nothing but erasing a sector of the
+/// flash that the code runs from holds off, 0.4 s at most. A core that has stopped leaves laser and
+/// lamps as they are for so long.
+pub const WATCHDOG_MS: u64 = 1_000;
 /// Patience with the host's tasks and all above, seconds, before the counter runs: what writes
-/// to the memory there may take a good part of the counter, too.
-pub const HOST_S: u32 = 1;
+/// to the memory there may take a good part of it.
+pub const HOST_S: u32 = 8;
 /// Patience with the measuring, seconds: a sector of the memory may take 0.4 s to be erased,
 /// and a cylinder of many points tens of seconds without a floating-point unit.
 pub const MEASURING_S: u32 = 120;

@@ -36,7 +36,8 @@ fn starts(client: &mut Client) -> Vec<ResetReason> {
 }
 
 /// Each way in which a board can start is told as what it was, in the journal too, which
-/// survives them all; a panic tells its place, and a firmware that hangs is reset.
+/// survives them all; a panic tells its place, a stack that overflows is a fault that finds a stack of
+/// its own, and a firmware that hangs is reset.
 #[test]
 fn every_reset_is_told() {
     let Some(mut rig) = QemuRig::start_or_skip() else {
@@ -50,6 +51,10 @@ fn every_reset_is_told() {
         told.contains("after a panic at") && told.contains("bench.rs:"),
         "{console}"
     );
+    assert_eq!(rig.restart_by(&Stimulus::Overflow), ResetReason::Panic);
+    let console = rig.console();
+    let told = console.lines().last().unwrap();
+    assert!(told.contains("the stack has overflowed"), "{console}");
     assert_eq!(rig.restart_by(&Stimulus::Hang), ResetReason::Watchdog);
     rig.power_cycle();
 
@@ -58,6 +63,7 @@ fn every_reset_is_told() {
     let reasons = [
         ResetReason::PowerOn,
         ResetReason::Pin,
+        ResetReason::Panic,
         ResetReason::Panic,
         ResetReason::Watchdog,
         ResetReason::PowerOn,

@@ -112,6 +112,10 @@ impl Inner {
             #[allow(clippy::panic, reason = "it is what the bench asks for")]
             Stimulus::Panic => panic!("asked for by the bench"),
             Stimulus::Hang => HANG.signal(()),
+            // SAFETY: nothing returns from here: what is pushed ends in a fault.
+            Stimulus::Overflow => unsafe {
+                core::arch::asm!("2:", "push {{r0-r7}}", "b 2b", options(noreturn))
+            },
         }
     }
 }

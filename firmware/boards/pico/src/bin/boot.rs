@@ -18,12 +18,13 @@ mod alarms;
 mod before_main;
 #[path = "../storage/chip_flash.rs"]
 mod chip_flash;
+#[path = "../../../common/fault_entry.rs"]
+mod fault_entry;
 #[path = "../storage/images.rs"]
 mod images;
 
 use core::panic::PanicInfo;
 
-use cortex_m_rt::{ExceptionFrame, exception};
 use embassy_rp::gpio::{Level, Output};
 use embassy_rp::watchdog::Watchdog;
 use embassy_time::Duration;
@@ -65,9 +66,9 @@ fn main() -> ! {
     }
 }
 
-/// The next start tries again.
-#[exception]
-unsafe fn HardFault(_: &ExceptionFrame) -> ! {
+/// The next start tries again: from `fault_entry`.
+#[unsafe(no_mangle)]
+extern "C" fn on_fault(_: u32) -> ! {
     cortex_m::peripheral::SCB::sys_reset()
 }
 

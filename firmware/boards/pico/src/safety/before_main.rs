@@ -48,6 +48,17 @@ unsafe fn free_what_a_reset_leaves() {
                 .actlr
                 .modify(|w| w | 1 << 29)
         };
+        // Below the stack the flash's addresses end: a write there may be a fault that comes late. The core's own
+        // limit is one at once (Armv8-M, B3.21).
+        // SAFETY: the stack is at its top, far from its end.
+        unsafe {
+            core::arch::asm!(
+                "ldr {end}, =_stack_end",
+                "msr msplim, {end}",
+                end = out(reg) _,
+                options(nostack),
+            );
+        }
     }
 }
 

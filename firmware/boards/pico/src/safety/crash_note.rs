@@ -63,8 +63,12 @@ pub fn note_panic(info: &PanicInfo<'_>) {
 }
 
 /// Notes where the core could not go on. Without the library's formatting: it would want
-/// five kilobytes of stack, and of a fault there may be little left.
+/// five kilobytes of stack, and of a fault there may be little left. Without an address the stack
+/// has overflowed.
 pub fn note_fault(address: u32) {
+    if address == 0 {
+        return write(OURS, b"the stack has overflowed");
+    }
     let mut text = *b"hard fault at 0x00000000";
     for (place, shift) in text.iter_mut().rev().zip((0..32).step_by(4)) {
         *place = match (address >> shift) as u8 & 15 {

@@ -2,4 +2,6 @@
 
 pub mod before_main;
 pub mod crash_note;
+#[path = "../../../common/fault_entry.rs"]
+mod fault_entry;
 pub mod guard;

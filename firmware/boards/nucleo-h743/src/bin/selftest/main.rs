@@ -29,6 +29,8 @@ mod axes;
 #[path = "../../control.rs"]
 mod control;
 mod drive;
+#[path = "../../../../common/fault_entry.rs"]
+mod fault_entry;
 mod measure;
 #[path = "../../memory.rs"]
 mod memory;
@@ -98,7 +100,7 @@ fn main() -> ! {
     timers::start();
     timers::start_looking();
     alarms::start();
-    control::start();
+    control::start(output(p.PD4.into()));
     sensor::start();
     drive::start();
     TASKS.init(Executor::new()).run(

@@ -44,7 +44,7 @@ mod uart;
 
 use core::panic::PanicInfo;
 
-use cortex_m_rt::{ExceptionFrame, exception};
+use cortex_m_rt::exception;
 use defmt_rtt as _;
 use embassy_executor::Executor;
 use embassy_futures::join::join3;
@@ -123,10 +123,11 @@ async fn test_itself(usb: Peri<'static, USB>, mut station: Station, past: Past) 
     join3(link.device.run(), usb_serial::follow(link.line), answer).await;
 }
 
-#[exception]
-unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
+/// The core cannot go on: from `safety::fault_entry`.
+#[unsafe(no_mangle)]
+extern "C" fn on_fault(address: u32) -> ! {
     guard::dark();
-    crash_note::note_fault(frame.pc());
+    crash_note::note_fault(address);
     guard::reset_now()
 }
 
