@@ -35,6 +35,8 @@ mod crash_note;
 mod fault_entry;
 mod path;
 mod ports;
+#[path = "../../common/stack_guard.rs"]
+mod stack_guard;
 mod storage;
 mod vectors;
 mod watchdog;
@@ -91,6 +93,11 @@ fn main() -> ! {
     let Some(peripherals) = cortex_m::Peripherals::take() else {
         stop("the core is taken")
     };
+    stack_guard::forbid_below_stack(&peripherals.MPU, 0);
+    // SAFETY: nothing of the image is in the region.
+    unsafe { peripherals.MPU.ctrl.write(stack_guard::CONTROL) };
+    cortex_m::asm::dsb();
+    cortex_m::asm::isb();
     clock::start();
     // SAFETY: here and nowhere else.
     let kept = unsafe { storage::open() };

@@ -6,11 +6,15 @@
 //! more than the ten that may come after an XOFF. Without, one byte waits behind the one
 //! on the line. The price is an interrupt for each byte that comes: it has 87 µs at
 //! 115200 baud until the next one is lost. What is lost anyway is told in its place.
+//!
+//! CTS holds the transmitter between two characters (RM0433, 48.5.20: CTSE); the one that waits behind the
+//! line waits on. RTS is low from the start on: every byte is taken at any time. A CTS that is not wired is
+//! pulled down inside, which says "ready".
 
 use core::future::poll_fn;
 use core::task::Poll;
 
-use embassy_stm32::gpio::{AfType, OutputType, Pull, Speed};
+use embassy_stm32::gpio::{AfType, Output, OutputType, Pull, Speed};
 use embassy_stm32::interrupt;
 use embassy_stm32::pac::USART2;
 use embassy_stm32::pac::usart::Usart;
@@ -20,7 +24,7 @@ use embassy_sync::waitqueue::AtomicWaker;
 use embassy_time::{Duration, Timer};
 use umi_app::board::{Broken, CncInput, CncRx, CncTx, LineAbilities};
 use umi_drivers::collector::Collector;
-use umi_protocol::serial::{LEAST_BAUD, LineSettings, MOST_BAUD};
+use umi_protocol::serial::{Cts, LEAST_BAUD, LineSettings, MOST_BAUD};
 
 use crate::resources::{self, SLOW_PRESCALER, baud_divider, is_slow};
 use crate::timers;
@@ -34,34 +38,37 @@ static LINE: Collector<RING> = Collector::new();
 #[unsafe(link_section = ".dtcm")]
 static WENT: AtomicWaker = AtomicWaker::new();
 
-/// How the line can be set: the plan has no pin for CTS.
+/// How the line can be set.
 pub const ABILITIES: LineAbilities = LineAbilities {
     least_baud: LEAST_BAUD,
     most_baud: MOST_BAUD,
     two_stop_bits: true,
-    cts: false,
+    cts: true,
 };
 
-/// Starts the line.
-pub fn start() {
+/// Starts the line, and says by RTS that the board is there.
+pub fn start(rts: Output<'static>) {
+    // It stays as it is.
+    core::mem::forget(rts);
     rcc::enable_and_reset::<peripherals::USART2>();
-    let [transmit, receive] = &resources::CONTROL;
+    let [transmit, receive, cts] = &resources::CONTROL;
     let output = AfType::output(OutputType::PushPull, Speed::Low);
     core::mem::forget(timers::flex(transmit, output));
     // A line that is not connected rests.
     timers::connect(receive, Pull::Up);
+    timers::connect(cts, Pull::Down);
     set(LineSettings::DEFAULT);
 }
 
 /// Sets the line while nothing goes out: eight data bits, no parity. What comes in at this moment
 /// may be damaged.
 pub fn set(line: LineSettings) {
-    set_port(USART2, &line, false);
+    set_port(USART2, &line, false, line.cts != Cts::Ignored);
     LINE.set_line(&line);
 }
 
-/// Sets a port, with its FIFO or without.
-pub fn set_port(port: Usart, line: &LineSettings, fifo: bool) {
+/// Sets a port, with its FIFO or without, held by its CTS or not.
+pub fn set_port(port: Usart, line: &LineSettings, fifo: bool, cts: bool) {
     // The settings can be written while the port is off.
     port.cr1().modify(|w| w.set_ue(false));
     port.presc().write(|w| {
@@ -78,6 +85,7 @@ pub fn set_port(port: Usart, line: &LineSettings, fifo: bool) {
             _ => Stop::STOP1,
         });
     });
+    port.cr3().modify(|w| w.set_ctse(cts));
     port.cr1().write(|w| {
         w.set_fifoen(fifo);
         w.set_te(true);

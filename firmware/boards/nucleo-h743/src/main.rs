@@ -42,6 +42,8 @@ mod reset;
 )]
 mod resources;
 mod sensor;
+#[path = "../../common/stack_guard.rs"]
+mod stack_guard;
 mod start;
 mod time;
 mod timers;

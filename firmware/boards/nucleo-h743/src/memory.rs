@@ -7,7 +7,8 @@
 
 use cortex_m::peripheral::{CPUID, MPU, SCB};
 
-use crate::resources::{BELOW_STACK, MPU_BELOW_STACK, MPU_CONTROL, MPU_NOTHING_THERE};
+use crate::resources::MPU_NOTHING_THERE;
+use crate::stack_guard;
 
 /// What is in the DTCM gets its first values, as `cortex-m-rt` gives `.data` its own.
 #[cortex_m_rt::pre_init]
@@ -41,10 +42,8 @@ pub fn cache(mpu: &MPU, scb: &mut SCB, cpuid: &mut CPUID) {
         mpu.rnr.write(0);
         mpu.rbar.write(0);
         mpu.rasr.write(MPU_NOTHING_THERE);
-        mpu.rnr.write(1);
-        mpu.rbar.write(BELOW_STACK);
-        mpu.rasr.write(MPU_BELOW_STACK);
-        mpu.ctrl.write(MPU_CONTROL);
+        stack_guard::forbid_below_stack(mpu, 1);
+        mpu.ctrl.write(stack_guard::CONTROL);
     }
     cortex_m::asm::dsb();
     cortex_m::asm::isb();

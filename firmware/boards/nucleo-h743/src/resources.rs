@@ -305,21 +305,6 @@ pub const MPU_NOTHING_THERE: u32 = {
     // No access: AP = 0. Strongly ordered, so not read ahead: TEX, C, B = 0.
     ENABLE | ALL | NOT_THESE | NEVER_EXECUTED
 };
-/// The 128 KB below the DTCM, in which the stack comes first (`memory.x`): reserved addresses (RM0433, 2.3.2), a write
-/// to which the bus may answer late or not at all. Longer than any function's frame, so that none steps over it.
-pub const BELOW_STACK: u32 = 0x2000_0000 - (1 << BELOW_STACK_LOG2);
-const BELOW_STACK_LOG2: u32 = 17;
-/// MPU_RASR of it: no access, and with that a fault of the instruction that tries.
-pub const MPU_BELOW_STACK: u32 = {
-    const ENABLE: u32 = 1;
-    const NEVER_EXECUTED: u32 = 1 << 28;
-    ENABLE | (BELOW_STACK_LOG2 - 1) << 1 | NEVER_EXECUTED
-};
-// The MPU wants a region to begin at a multiple of its length; the chip's own loader ends below it.
-const _: () =
-    assert!(BELOW_STACK.is_multiple_of(1 << BELOW_STACK_LOG2) && BELOW_STACK > 0x1FF1_FFFF);
-/// MPU_CTRL: enabled, and what has no region stays as it is without an MPU (PRIVDEFENA).
-pub const MPU_CONTROL: u32 = 0b101;
 
 /// Whether the region has this address.
 const fn has_no_access(address: u32) -> bool {

@@ -58,7 +58,7 @@ pub fn start() {
 }
 
 fn set_line(line: LineSettings) {
-    control::set_port(USART6, &line, true);
+    control::set_port(USART6, &line, true, false);
     LINE.set_line(&line);
 }
 

@@ -45,6 +45,8 @@ mod reset;
 mod resources;
 #[path = "../../sensor.rs"]
 mod sensor;
+#[path = "../../../../common/stack_guard.rs"]
+mod stack_guard;
 #[path = "../../start.rs"]
 mod start;
 #[path = "../../time/mod.rs"]

@@ -308,7 +308,7 @@ fn until(high: bool) -> Option<u64> {
 /// Receiver and transmitter joined inside the chip (RM0433, 48.5.14, single-wire half-duplex): the
 /// receiver's pin is not used, and that of the transmitter rests by its pull-up.
 fn join_line() {
-    let [transmit, _] = &crate::resources::CONTROL;
+    let [transmit, ..] = &crate::resources::CONTROL;
     let pin = usize::from(transmit.pin.1 % 16);
     embassy_stm32::pac::GPIOD
         .pupdr()
