@@ -69,9 +69,18 @@ export class Uart extends BasePeripheral {
     return this.registers.ibrd ? this.chip.clock.frequency / this.bitCycles : 0;
   }
 
-  get characterBits() {
+  get stopBits() {
+    return this.registers.lcr & 8 ? 2 : 1;
+  }
+
+  /** With so many stop bits: a receiver looks at the first alone (TRM 3.3.7, STP2). */
+  bits(stopBits) {
     const { lcr } = this.registers;
-    return 1 + (5 + ((lcr >> 5) & 3)) + (lcr & 2 ? 1 : 0) + (lcr & 8 ? 2 : 1);
+    return 1 + (5 + ((lcr >> 5) & 3)) + (lcr & 2 ? 1 : 0) + stopBits;
+  }
+
+  get characterBits() {
+    return this.bits(this.stopBits);
   }
 
   level(shift) {
@@ -143,7 +152,10 @@ export class Uart extends BasePeripheral {
     const byte = this.receiving;
     this.receiving = -1;
     if (byte >= 0 && this.isLooped) this.control.unheard++;
-    else if (byte >= 0) this.take(byte);
+    else if (byte >= 0) {
+      this.control.note(this.chip.epoch + this.chip.cycle);
+      this.take(byte);
+    }
     this.poke();
   }
 
@@ -260,6 +272,8 @@ export class Control {
     this.queue = [];
     this.head = 0;
     this.baud = null;
+    /** What it sends behind each character; null: as the board is set. */
+    this.stopBits = null;
     /** It sends only while the board's RTS lets it. */
     this.minds = false;
     /** So many characters it sends after an XOFF, until an XON; null: whatever it is told. */
@@ -274,6 +288,8 @@ export class Control {
     this.heard = 0;
     this.bytes = [];
     this.stamps = [];
+    /** The same of what it has sent. */
+    this.came = [];
     this.uart = null;
     /** Whether the board hears it: the plug is in. */
     this.onByte = null;
@@ -300,7 +316,13 @@ export class Control {
     }
     this.sent++;
     const bit = this.baud ? this.uart.chip.clock.frequency / this.baud : this.uart.bitCycles;
-    return { byte, cycles: this.uart.characterBits * bit };
+    return { byte, cycles: this.uart.bits(this.stopBits ?? this.uart.stopBits) * bit };
+  }
+
+  /** A character of its own is over at this cycle. */
+  note(cycle) {
+    this.came.push(cycle);
+    if (this.came.length > 4096) this.came.splice(0, 2048);
   }
 
   take(byte, cycle) {

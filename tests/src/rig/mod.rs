@@ -60,6 +60,12 @@ pub trait Rig {
         None
     }
 
+    /// How many bits the shortest character was long that went to the control and that came from it since
+    /// this was asked last, by the ends of two that followed each other; none where that cannot be seen.
+    fn frame_bits(&mut self) -> Option<[f64; 2]> {
+        None
+    }
+
     /// Whether what is read from the control's line is what is on it now: only then it can
     /// be said how many bytes come after something.
     fn line_takes_time(&self) -> bool {

@@ -249,7 +249,20 @@ impl Rig for PicoRig {
 
     fn control_line(&mut self, line: LineSettings) {
         self.emulator
-            .ask(&json!({ "do": "uart", "baud": line.baud }));
+            .ask(&json!({ "do": "uart", "baud": line.baud, "stop_bits": line.stop_bits }));
+    }
+
+    fn frame_bits(&mut self) -> Option<[f64; 2]> {
+        let state = self.emulator.state();
+        let bit = CYCLES_PER_US as f64 * 1e6 / state.json["uart"]["baud"].as_f64()?;
+        let answer = self.emulator.ask(&json!({ "do": "stamps" }));
+        let shortest = |of: &str| {
+            let ends = answer[of].as_array()?.iter().map(Value::as_f64);
+            let ends = ends.collect::<Option<Vec<f64>>>()?;
+            let lengths = ends.windows(2).map(|ends| ends[1] - ends[0]);
+            lengths.reduce(f64::min)
+        };
+        Some([shortest("stamps")? / bit, shortest("came")? / bit])
     }
 
     fn board_baud(&mut self) -> Option<f64> {

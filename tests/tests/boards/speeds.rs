@@ -11,6 +11,7 @@ use umi_tests::rig::Rig;
 
 on_every_board! {
     lines_and_programs_pass_at_the_speed_of_the_job
+    two_stop_bits_pass_both_ways
 }
 
 /// Speeds that are tried each time; the slowest takes a minute in an emulator.
@@ -33,7 +34,11 @@ fn set(rig: &mut dyn Rig, baud: u32) {
         baud,
         ..LineSettings::DEFAULT
     });
-    // The port follows when what the job has changed has been looked at: milliseconds.
+    settle(rig);
+}
+
+/// The port follows when what the job has changed has been looked at: milliseconds.
+fn settle(rig: &mut dyn Rig) {
     let begun = rig.time();
     while rig.time() - begun < Duration::from_millis(50) {
         std::thread::sleep(Duration::from_millis(2));
@@ -82,8 +87,8 @@ fn exchange(rig: &mut dyn Rig, baud: u32) {
     assert_eq!(client.status().unwrap().counters.bytes_lost, 0, "{baud}");
 }
 
-fn at_speeds(rig: &mut dyn Rig, speeds: &[u32]) {
-    set(rig, 115_200);
+/// Keeps the program that goes out.
+fn keep_program(rig: &mut dyn Rig) {
     let mut client = connect(rig);
     let program = umi_protocol::program::ProgramInfo {
         number: 1234,
@@ -95,7 +100,11 @@ fn at_speeds(rig: &mut dyn Rig, speeds: &[u32]) {
         stated: umi_protocol::program::Stated::default(),
     };
     umi_client::programs::put(&mut client, &program, PROGRAM.as_bytes(), |_| {}).unwrap();
-    drop(client);
+}
+
+fn at_speeds(rig: &mut dyn Rig, speeds: &[u32]) {
+    set(rig, 115_200);
+    keep_program(rig);
     for baud in speeds {
         set(rig, *baud);
         exchange(rig, *baud);
@@ -113,6 +122,49 @@ fn lines_and_programs_pass_at_the_speed_of_the_job(rig: &mut dyn Rig) {
     let mut speeds = QUICK;
     speeds.reverse();
     at_speeds(rig, &speeds);
+}
+
+/// What a board is set to, and what its control is: both two as Fanuc's frame is, and one against two.
+const STOP_BITS: [[u8; 2]; 3] = [[2, 2], [2, 1], [1, 2]];
+/// As Fanuc's fastest line.
+const FANUC_BAUD: u32 = 19_200;
+
+/// A board that is set to two stop bits sends them, and takes characters with one or with two behind
+/// them. One that cannot refuses the job, and says why.
+fn two_stop_bits_pass_both_ways(rig: &mut dyn Rig) {
+    keep_program(rig);
+    for [board, control] in STOP_BITS {
+        let mut job = job();
+        job.correction = None;
+        job.line = LineSpec {
+            baud: Some(FANUC_BAUD),
+            stop_bits: Some(board),
+            ..LineSpec::default()
+        };
+        match connect(rig).set_job(&job).unwrap() {
+            Ok(_) => {}
+            Err(error) => {
+                // The UART of this machine in QEMU has no second one.
+                assert_eq!((rig.name(), board), ("mps2-an500", 2), "{error:?}");
+                assert!(format!("{error}").contains("line.stop_bits"), "{error}");
+                continue;
+            }
+        }
+        rig.control_line(LineSettings {
+            baud: FANUC_BAUD,
+            stop_bits: control,
+            ..LineSettings::DEFAULT
+        });
+        settle(rig);
+        rig.frame_bits();
+        exchange(rig, FANUC_BAUD);
+        if let Some(bits) = rig.frame_bits() {
+            for (bits, stop_bits) in bits.into_iter().zip([board, control]) {
+                let off = bits - f64::from(9 + stop_bits);
+                assert!(off.abs() < 0.05, "{stop_bits} stop bits: {bits} bits");
+            }
+        }
+    }
 }
 
 mod long {
