@@ -2,7 +2,7 @@
 //! `conformance.rs`: steered time, flow control at every place, slow hosts, the audit, and
 //! the ports that `umi virtual` opens.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use umi_client::board::link::{Client, JournalEntry};
 use umi_client::journal::audit::Audit;
@@ -16,6 +16,7 @@ use umi_protocol::latch::{LatchCause, LatchReport};
 use umi_protocol::message::{Event, Record};
 use umi_protocol::pattern::Coding;
 use umi_protocol::program::Withheld;
+use umi_protocol::serial::LineSpec;
 use umi_protocol::verdict::Verdict;
 use umi_tests::cases::{SESSION, clamping, job, journal, raw_bytes, until_quiet};
 use umi_virtual::{Config, VirtualBoard};
@@ -219,6 +220,47 @@ fn flow_control_at_every_place() {
         assert_eq!(got, text.as_str(), "stopped at {stop}");
         assert_eq!(board.control_receives(Duration::from_millis(1)), None);
         bench.settle().unwrap();
+    }
+}
+
+/// As `umi virtual` has it: characters take the time that the job's line gives them, both ways, eleven bits each with
+/// two stop bits; never less.
+#[test]
+fn the_pace_is_that_of_the_jobs_line() {
+    for (baud, stop_bits) in [(9600, 2), (38_400, 1)] {
+        let mut job = job();
+        job.line = LineSpec {
+            baud: Some(baud),
+            stop_bits: Some(stop_bits),
+            ..LineSpec::default()
+        };
+        let line = |characters: usize| {
+            Duration::from_secs(9 + u64::from(stop_bits)) * characters as u32 / baud
+        };
+        let config = Config {
+            paced_by_job: true,
+            ..Config::default()
+        };
+        let mut bench = Desk::with(config, &job).unwrap();
+        // The first one passes while the port follows the job.
+        verdicts_of(&mut bench, &clamping(0));
+        let (begun, text) = (Instant::now(), clamping(1));
+        verdicts_of(&mut bench, &text);
+        let took = begun.elapsed();
+        assert!(
+            took >= line(text.len()),
+            "{baud}: {took:?} from the control"
+        );
+        let verdict = verdicts_of(&mut bench, &clamping(2)).remove(0);
+        let text = verdict.correction.unwrap().text;
+        let board = bench.board();
+        board.control_sends(DC1);
+        let begun = Instant::now();
+        for _ in 0..text.len() {
+            board.control_receives(Duration::from_secs(5)).unwrap();
+        }
+        let took = begun.elapsed();
+        assert!(took >= line(text.len()), "{baud}: {took:?} to the control");
     }
 }
 

@@ -146,6 +146,9 @@ pub struct Config {
     pub time: BoardTime,
     /// Time that a character takes on the control's line; zero: none.
     pub character: Duration,
+    /// A character takes the time that the board's own settings give it, and `character` is not looked at: the
+    /// pace is that of the job's line, as its pauses and its patience are.
+    pub paced_by_job: bool,
     /// How the control's port is set: what the board hears of it when its own is set otherwise is
     /// what a UART would, and the line takes the time that it takes. None: both are set alike,
     /// always, and `character` is the time.
@@ -169,6 +172,7 @@ impl Default for Config {
             jumper: false,
             time: BoardTime::Steered,
             character: Duration::ZERO,
+            paced_by_job: false,
             control: None,
         }
     }
@@ -239,6 +243,7 @@ impl VirtualBoard {
             };
             let line = Wire {
                 character: config.character,
+                paced_by_job: config.paced_by_job,
                 control,
                 board: Rc::new(Cell::new(LineSettings::DEFAULT)),
             };

@@ -41,6 +41,8 @@ pub(crate) struct ControlRx {
 pub(crate) struct Wire {
     /// Time that a character takes; zero: none.
     pub character: Duration,
+    /// As the board's settings have it instead.
+    pub paced_by_job: bool,
     /// How the control's port is set; none: as the board's, always.
     pub control: Arc<Mutex<Option<LineSettings>>>,
     pub board: Rc<Cell<LineSettings>>,
@@ -54,8 +56,8 @@ impl Wire {
     /// Time that a character of a port takes.
     fn time_of(&self, port: &LineSettings) -> Duration {
         match self.control() {
-            None => self.character,
-            Some(_) => Duration::from_secs(port.bits().into()) / port.baud.max(1),
+            None if !self.paced_by_job => self.character,
+            _ => Duration::from_secs(port.bits().into()) / port.baud.max(1),
         }
     }
 }
@@ -84,7 +86,7 @@ impl CncRx for ControlRx {
             0 => whole.count(),
             broken => broken,
         };
-        let control = self.line.control().unwrap_or_default();
+        let control = self.line.control().unwrap_or(self.line.board.get());
         let character = self.line.time_of(&control);
         if !character.is_zero() {
             tokio::time::sleep(character * u32::try_from(count).unwrap_or(u32::MAX)).await;

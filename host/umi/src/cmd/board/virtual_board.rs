@@ -31,11 +31,12 @@ pub(crate) struct Virtual {
     /// pressed as long as somebody is connected. Held for a second it asks to teach
     #[arg(long, value_name = "PLACE", value_parser = tcp_place)]
     button: Option<PortPlace>,
-    /// Pace of the control's line: that fast, at most, bytes come and go. The control is set as the board
-    /// is, always, so that any [line] of a job is right and `umi line find` fits at each speed
-    #[arg(long, value_name = "BAUD", default_value_t = 115_200,
+    /// Another pace of the control's line than that of the job's [line] (115200 baud without a job), which bytes keep
+    /// at most: one to the control takes a millisecond or more. Pauses and patience stay those of the job's [line].
+    /// The control is set as the board is, always: any [line] is right, and `umi line find` fits at each speed
+    #[arg(long, value_name = "BAUD",
           value_parser = clap::value_parser!(u32).range(50..=10_000_000))]
-    baud: u32,
+    baud: Option<u32>,
     /// The board's jumper: closed, the first owner's key can be enrolled and the board be wiped
     #[arg(long, value_name = "STATE", default_value = "open", value_parser = ["closed", "open"])]
     jumper: String,
@@ -104,7 +105,10 @@ impl Virtual {
         let mut config = Config {
             time: BoardTime::Real,
             // A start bit, eight data bits and a stop bit.
-            character: Duration::from_secs(10) / self.baud,
+            character: self
+                .baud
+                .map_or(Duration::ZERO, |baud| Duration::from_secs(10) / baud),
+            paced_by_job: self.baud.is_none(),
             key: Some(VirtualFlash::in_memory(KEY)),
             jumper: self.jumper == "closed",
             firmware_key: self
@@ -152,11 +156,14 @@ impl Virtual {
             let button_at = button_at.map_or_else(String::new, |at| {
                 format!("  button   {at}   (pressed as long as somebody is connected)\n")
             });
+            let pace = match self.baud {
+                Some(baud) => format!("{baud} baud"),
+                None => "as fast as the job's line".into(),
+            };
             print(&format!(
-                "{}\n  control  {}   (any terminal program, {} baud)\n  host     {}   (umi info --port {})\n{button_at}Ctrl-C ends it.\n",
+                "{}\n  control  {}   (any terminal program, {pace})\n  host     {}   (umi info --port {})\n{button_at}Ctrl-C ends it.\n",
                 paint(TITLE, "virtual board"),
                 cnc.address,
-                self.baud,
                 usb.address,
                 usb.address,
             ))?;
