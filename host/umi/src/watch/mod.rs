@@ -8,6 +8,7 @@
 pub mod digits;
 pub mod screen;
 mod session;
+mod skip_line;
 mod terminal;
 mod view;
 

@@ -72,6 +72,7 @@ fn draw_with(view: &View, area: Rect, buffer: &mut Buffer, size: Size, keys: &st
     let mut verdict = verdict(view).into_iter();
     let mut hits = hits(view).into_iter();
     let latest = verdict.by_ref().take(1).chain(teaching(view));
+    let latest = latest.chain(wrong_level(view));
     page.put(latest.chain(hits.by_ref().take(1)).collect());
     page.gap();
     page.beside([
@@ -369,6 +370,14 @@ fn title(text: &'static str) -> Line<'static> {
     Line::styled(text, FAINT.add_modifier(Modifier::UNDERLINED))
 }
 
+/// How wide the latest touch was on the probe's line, where the board has told both of its edges.
+fn touch_width(view: &View) -> String {
+    match view.skip.width_ms() {
+        Some(ms) => format!("{ms:.3} ms wide"),
+        None => "width not told".into(),
+    }
+}
+
 /// What must be zero.
 fn losses(view: &View) -> Vec<Line<'static>> {
     let status = &view.status;
@@ -433,6 +442,7 @@ fn board(view: &View) -> Vec<Line<'static>> {
             PLAIN,
         ),
         row("probe latches", latches.skips.to_string(), PLAIN),
+        row("latest touch", touch_width(view), PLAIN),
         row("index latches", latches.indices.to_string(), PLAIN),
         row(
             "triggers",
@@ -487,6 +497,13 @@ fn teaching(view: &View) -> Option<Line<'static>> {
     let said = text::teaching(status.teaching.as_ref()?, status.uptime_us);
     let name = Span::styled(format!("{:<16}", "to be taught"), FAINT);
     Some(Line::from(vec![name, Span::styled(said, CAUTION)]))
+}
+
+/// What is to be set, where the probe's line rests at the level of a touch.
+fn wrong_level(view: &View) -> Option<Line<'static>> {
+    let said = view.skip.wrong_level()?;
+    let name = Span::styled(format!("{:<16}", "skip line"), FAINT);
+    Some(Line::from(vec![name, Span::styled(said, BAD)]))
 }
 
 /// The hits since this began, the newest first and named as such.

@@ -4,9 +4,9 @@ use std::time::{Duration, Instant};
 
 use umi_client::files::key_file::SigningKey;
 use umi_protocol::job::{Job, SendWhen};
-use umi_protocol::latch::LatchCause;
 use umi_protocol::message::{Event, Record};
 
+use super::skip_line::SkipShown;
 use super::view::{Link, View};
 use crate::failure::Failure;
 use umi_client::axes::Scale;
@@ -67,6 +67,7 @@ impl Session {
             sent: None,
             hits: [].into(),
             latch: None,
+            skip: SkipShown::of(job.as_ref().map(|job| job.skip)),
             verdict: board.verdict()?,
         };
         board.live(true)?;
@@ -130,6 +131,7 @@ impl Session {
         self.view.identity = board.identity()?;
         let job = board.job()?.job;
         self.view.scale = Scale::of(job.as_ref());
+        self.view.skip = SkipShown::of(job.as_ref().map(|job| job.skip));
         (self.view.sends, self.view.sent) = (sends(job.as_ref()), None);
         self.view.verdict = board.verdict()?;
         // Another start, another zero.
@@ -171,8 +173,10 @@ impl Session {
                         view.sent = Some(setup);
                         new_state = true;
                     }
-                    Record::Latch(latch) if latch.cause == LatchCause::Skip => {
-                        view.latch = Some(latch);
+                    Record::Latch(latch) => {
+                        if view.skip.edge(&latch) {
+                            view.latch = Some(latch);
+                        }
                     }
                     Record::JobSet { .. } => new_job = true,
                     _ => {}
@@ -183,6 +187,7 @@ impl Session {
         if new_job {
             let job = board.job()?.job;
             view.scale = Scale::of(job.as_ref());
+            view.skip = SkipShown::of(job.as_ref().map(|job| job.skip));
             (view.sends, view.sent, view.verdict) = (sends(job.as_ref()), None, board.verdict()?);
         }
         if new_job || new_state {

@@ -10,6 +10,7 @@ use umi_protocol::line::HitReport;
 use umi_protocol::message::{Identity, Status};
 use umi_protocol::verdict::Verdict;
 
+use super::skip_line::SkipShown;
 use crate::show::json;
 use umi_client::axes::Scale;
 
@@ -36,6 +37,8 @@ pub(crate) struct View {
     pub hits: VecDeque<HitReport>,
     /// The latest latch of the probe.
     pub latch: Option<LatchReport>,
+    /// The probe's line.
+    pub skip: SkipShown,
     /// The latest verdict.
     pub verdict: Option<Verdict>,
     /// The setup whose correction went out, since this began.
@@ -144,6 +147,7 @@ impl View {
             "status": json::status(&self.status),
             "hits": self.hits.iter().map(json::hit).collect::<Vec<_>>(),
             "latch": self.latch.as_ref().map(|latch| json::latch(latch, &self.scale)),
+            "skip": self.skip.json(),
             "verdict": self.verdict.as_ref().map(|of| {
                 let mut verdict = json::verdict(of);
                 verdict["access"] = json!(self.status.access);

@@ -66,10 +66,40 @@ fn view(scaled: bool) -> View {
         }]
         .into(),
         latch: None,
+        skip: Default::default(),
         verdict: None,
         sent: None,
         sends: true,
     }
+}
+
+/// How wide the latest touch was stands among the board's figures, and under the verdict that its line rests where
+/// the job has a touch.
+#[test]
+fn the_width_of_a_touch_and_a_wrong_level_are_shown() {
+    use umi_protocol::latch::{LatchCause, LatchReport};
+    let mut view = view(true);
+    assert!(text(&view, 120).contains("latest touch        width not told"));
+    for number in 0..8 {
+        let (cause, t_ms) = match number % 2 {
+            0 => (LatchCause::SkipEnd, 1000 + 1500 * u64::from(number)),
+            _ => (LatchCause::Skip, 1030 + 1500 * u64::from(number - 1)),
+        };
+        view.skip.edge(&LatchReport {
+            number,
+            cause,
+            counts: [0; 3].into_iter().collect(),
+            t_ns: t_ms * 1_000_000,
+            missed: 0,
+        });
+    }
+    let shown = text(&view, 120);
+    assert!(
+        shown.contains("latest touch        2970.000 ms wide"),
+        "{shown}"
+    );
+    let said = "skip line       the skip line rests at high, by what it has shown; set `[skip]` `active = \"low\"`";
+    assert!(shown.contains(said), "{shown}");
 }
 
 /// An OK is shown as one as long as it counts: its correction may have gone out, or been taken
