@@ -173,11 +173,7 @@ impl Session {
                         view.sent = Some(setup);
                         new_state = true;
                     }
-                    Record::Latch(latch) => {
-                        if view.skip.edge(&latch) {
-                            view.latch = Some(latch);
-                        }
-                    }
+                    Record::Latch(latch) => view.latched(latch),
                     Record::JobSet { .. } => new_job = true,
                     _ => {}
                 },

@@ -90,6 +90,13 @@ impl View {
         self.hits.truncate(HITS);
     }
 
+    /// An edge was latched: the latest of the probe is one that begins a touch.
+    pub fn latched(&mut self, latch: LatchReport) {
+        if self.skip.edge(&latch) {
+            self.latch = Some(latch);
+        }
+    }
+
     /// What has become of the latest verdict's correction; none where there is none to send.
     #[must_use]
     pub fn correction(&self) -> Option<Correction> {
