@@ -7,7 +7,7 @@ use std::io::BufRead;
 
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde::Serialize;
-use umi_kinematics::Pose;
+use umi_kinematics::{Joint, Pose};
 
 use super::misfit::{self, Grouping, Misfit, PoseScatter, Suspects};
 use super::naming::name_directions;
@@ -64,11 +64,105 @@ pub struct AxisAnswer {
     pub warnings: Vec<String>,
 }
 
+/// A residual of a centre, as the axis has it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AxisResidual {
+    /// Away from the axis there, of length 1; any direction across it for a centre on the axis.
+    pub outward: Vector3<f64>,
+    /// Measured less fitted, along `outward`.
+    pub outward_mm: f64,
+    /// The way that the centre goes where the angle grows.
+    pub onward_mm: f64,
+    /// Along the axis.
+    pub axial_mm: f64,
+}
+
+impl AxisAnswer {
+    /// The residuals by where the axis is, a centre each, in the order of the answer's.
+    pub fn by_axis<'a>(
+        &'a self,
+        centres: &'a [TurnedCentre],
+    ) -> impl Iterator<Item = AxisResidual> + 'a {
+        let (u, foot) = (Vector3::from(self.direction), Vector3::from(self.point_mm));
+        let parts = move |(centre, residual): (&TurnedCentre, &[f64; 3])| {
+            let arm = centre.measured_mm - foot;
+            let outward = (arm - u * u.dot(&arm)).try_normalize(1e-9);
+            let outward = outward.unwrap_or_else(|| across(&u).0);
+            let residual = Vector3::from(*residual);
+            AxisResidual {
+                outward,
+                outward_mm: residual.dot(&outward),
+                onward_mm: residual.dot(&u.cross(&outward)),
+                axial_mm: residual.dot(&u),
+            }
+        };
+        centres.iter().zip(&self.residuals_mm).map(parts)
+    }
+
+    /// How the axis lies beside the one that a machine file has.
+    ///
+    /// # Errors
+    /// `other_axis` where it turns the other way, or points elsewhere: the centres are another joint's.
+    pub fn beside(&self, joint: &Joint) -> Result<AxisMove, ScanError> {
+        let (name, u) = (&joint.name, Vector3::from(self.direction));
+        let cosine = u.dot(&joint.direction);
+        let turn_deg = u.cross(&joint.direction).norm().atan2(cosine).to_degrees();
+        if turn_deg > 180.0 - ANOTHER_DEG {
+            return Err(ScanError::refused(
+                "other_axis",
+                format_args!(
+                    "{name} turns the other way than the machine file has it: its direction and the angles of these centres \
+                     contradict each other. Look at the sign of counts_per_deg and of the column angle_deg"
+                ),
+            ));
+        }
+        if turn_deg > ANOTHER_DEG {
+            return Err(ScanError::refused(
+                "other_axis",
+                format_args!(
+                    "the axis lies {turn_deg:.1} degrees from {name} of the machine file: these centres are of another axis, or \
+                     stand in another frame. Look at --axis"
+                ),
+            ));
+        }
+        let from = joint.point_mm - Vector3::from(self.point_mm);
+        Ok(AxisMove {
+            joint: name.clone(),
+            turned_deg: turn_deg,
+            moved_mm: (from - u * u.dot(&from)).norm(),
+        })
+    }
+}
+
+/// Axes of machines lie where they are drawn to within some hundredths of a degree; another axis, or a head's oblique
+/// one, lies by far more than this from it.
+const ANOTHER_DEG: f64 = 10.0;
+
+/// How far an axis was found from where a machine file has it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct AxisMove {
+    /// Its name there.
+    pub joint: String,
+    /// The angle between both.
+    pub turned_deg: f64,
+    /// How far the file's `point_mm` lies from the axis.
+    pub moved_mm: f64,
+}
+
+/// Centres and the names of their balls.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TurnedCentres {
+    /// In the order of the file.
+    pub centres: Vec<TurnedCentre>,
+    /// By the number that each centre has.
+    pub balls: Vec<String>,
+}
+
 /// Reads `angle_deg,ball,x_mm,y_mm,z_mm`.
 ///
 /// # Errors
 /// `not_finite`, or the table's own.
-pub fn read<R: BufRead>(mut table: TableReader<R>) -> Result<Vec<TurnedCentre>, ScanError> {
+pub fn read<R: BufRead>(mut table: TableReader<R>) -> Result<TurnedCentres, ScanError> {
     let angle = table.column("angle_deg")?;
     let ball = table.column("ball")?;
     let [x, y, z] = ["x_mm", "y_mm", "z_mm"].map(|name| table.column(name));
@@ -90,7 +184,10 @@ pub fn read<R: BufRead>(mut table: TableReader<R>) -> Result<Vec<TurnedCentre>, 
             measured_mm: Vector3::new(row.finite(x)?, row.finite(y)?, row.finite(z)?),
         });
     }
-    Ok(centres)
+    Ok(TurnedCentres {
+        centres,
+        balls: names,
+    })
 }
 
 #[derive(Clone)]

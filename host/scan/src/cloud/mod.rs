@@ -36,6 +36,8 @@ pub struct BesidePoint {
     pub intensity: f64,
     /// Its standard uncertainty by that of the sensor's mount, in mm.
     pub mount_u_mm: f64,
+    /// Its profile had no latch: it was placed between two others.
+    pub interpolated: bool,
 }
 
 impl ScanCloud {
@@ -83,6 +85,8 @@ pub struct CloudPoint {
     pub intensity: f64,
     /// Its standard uncertainty by that of the sensor's mount, in mm; 0 where the cloud does not say.
     pub mount_u_mm: f64,
+    /// Its profile had no latch: it was placed between two others. False where the cloud does not say.
+    pub interpolated: bool,
 }
 
 /// What a cloud says of its points beside their coordinates.
@@ -98,6 +102,8 @@ pub struct CloudColumns {
     pub intensity: bool,
     /// Their uncertainty by the mount.
     pub mount_u: bool,
+    /// Which of them were placed between latches; only where some were.
+    pub interpolated: bool,
 }
 
 /// Points one after the other, all finite.

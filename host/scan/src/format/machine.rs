@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use toml_edit::{Array, DocumentMut, Item, Table, value};
+use toml_edit::{Array, DocumentMut, Item, Table, TableLike, Value, value};
 use umi_kinematics::{AxisChain, Drive, Joint, JointKind, Pose};
 
 use crate::ScanError;
@@ -142,35 +142,123 @@ pub fn with_sensor(
     mount: &Pose,
     covariance: Option<&[[f64; 6]; 6]>,
 ) -> Result<String, ScanError> {
-    let wrong = |message: String| ScanError::unreadable("machine", message);
-    let mut file: DocumentMut = text
-        .parse()
-        .map_err(|error: toml_edit::TomlError| wrong(error.to_string().trim().to_owned()))?;
+    let mut file = document(text)?;
     let sensor = file
         .entry("sensor")
         .or_insert_with(|| Item::Table(Table::new()))
         .as_table_like_mut()
-        .ok_or_else(|| wrong("sensor is no table".into()))?;
+        .ok_or_else(|| wrong("sensor is no table"))?;
     let rows = |rows: &mut dyn Iterator<Item = Array>| value(rows.collect::<Array>());
     let rotation = mount.rows();
-    sensor.insert(
+    put(
+        sensor,
         "rotation",
         rows(&mut rotation.iter().map(|row| row.iter().copied().collect())),
     );
-    let [x, y, z] = mount.translation_mm.into();
-    sensor.insert("translation_mm", value(Array::from_iter([x, y, z])));
+    put(sensor, "translation_mm", three(mount.translation_mm.into()));
     match covariance {
         Some(covariance) => {
             let rows = rows(&mut covariance.iter().map(|row| row.iter().copied().collect()));
-            sensor.insert("covariance", rows);
+            put(sensor, "covariance", rows);
         }
         None => {
             sensor.remove("covariance");
         }
     }
+    checked(&file)
+}
+
+/// The text of a machine file with another line of one of its rotary axes; comments and all else stay as they are.
+///
+/// # Errors
+/// `machine` where the text describes none, none comes of it, or the joint is no rotary one; `missing_axis` where it has no
+/// such joint.
+pub fn with_axis(
+    text: &str,
+    name: &str,
+    direction: [f64; 3],
+    point_mm: [f64; 3],
+) -> Result<String, ScanError> {
+    rotary(&AxisChain::parse(text).map_err(ScanError::from)?, name)?;
+    let mut file = document(text)?;
+    let is_it = |joint: &dyn TableLike| joint.get("name").and_then(Item::as_str) == Some(name);
+    // [[joint]], or joint = [{ … }].
+    let joint = match file.get_mut("joint") {
+        Some(Item::ArrayOfTables(all)) => all
+            .iter_mut()
+            .map(|joint| joint as &mut dyn TableLike)
+            .find(|joint| is_it(&**joint)),
+        Some(Item::Value(Value::Array(all))) => all
+            .iter_mut()
+            .filter_map(Value::as_inline_table_mut)
+            .map(|joint| joint as &mut dyn TableLike)
+            .find(|joint| is_it(&**joint)),
+        _ => None,
+    };
+    let joint = joint.ok_or_else(|| wrong(format_args!("joint {name} is no table")))?;
+    put(joint, "direction", three(direction));
+    put(joint, "point_mm", three(point_mm));
+    checked(&file)
+}
+
+/// A rotary joint by its name.
+///
+/// # Errors
+/// `missing_axis`; `machine` where it is a linear one.
+pub fn rotary<'a>(machine: &'a AxisChain, name: &str) -> Result<&'a Joint, ScanError> {
+    let joint = machine.joints.iter().find(|joint| joint.name == name);
+    let Some(joint) = joint else {
+        let rotary = (machine.joints.iter())
+            .filter(|joint| joint.kind == JointKind::Rotary)
+            .map(|joint| joint.name.as_str());
+        let rotary: Vec<&str> = rotary.collect();
+        let has = match rotary.len() {
+            0 => "it has no rotary one".to_owned(),
+            _ => format!("its rotary ones are {}", rotary.join(", ")),
+        };
+        return Err(ScanError::refused(
+            "missing_axis",
+            format_args!("the machine has no joint {name}: {has}"),
+        ));
+    };
+    if joint.kind == JointKind::Linear {
+        return Err(ScanError::refused(
+            "machine",
+            format_args!(
+                "{name} is a linear axis: only a rotary one has a line that it turns about"
+            ),
+        ));
+    }
+    Ok(joint)
+}
+
+fn wrong(message: impl std::fmt::Display) -> ScanError {
+    ScanError::unreadable("machine", message)
+}
+
+fn document(text: &str) -> Result<DocumentMut, ScanError> {
+    text.parse()
+        .map_err(|error: toml_edit::TomlError| wrong(error.to_string().trim()))
+}
+
+/// The text, if it is a machine file still.
+fn checked(file: &DocumentMut) -> Result<String, ScanError> {
     let text = file.to_string();
     AxisChain::parse(&text).map_err(ScanError::from)?;
     Ok(text)
+}
+
+fn three(xyz: [f64; 3]) -> Item {
+    value(Array::from_iter(xyz))
+}
+
+/// Another value by the same key; what stands about the old one, as a comment behind it, stays.
+fn put(table: &mut dyn TableLike, key: &str, mut item: Item) {
+    let about = table.get(key).and_then(Item::as_value).map(Value::decor);
+    if let (Some(about), Some(new)) = (about.cloned(), item.as_value_mut()) {
+        *new.decor_mut() = about;
+    }
+    table.insert(key, item);
 }
 
 #[cfg(test)]
@@ -229,19 +317,50 @@ mod tests {
         };
         let mut covariance = [[0.0; 6]; 6];
         (0..6).for_each(|i| covariance[i][i] = 1e-7 * (i + 1) as f64);
-        let before = "# mine\n[chain] # none\nsensor = []\n\n# where it sits\n[sensor]\nrotation = [\n  [1, 0, 0], [0, 1, 0],\n  [0, 0, 1],\n]\n# behind\n[workpiece]\ntranslation_mm = [1, 2, 3]\n";
+        let before = "# mine\n[chain] # none\nsensor = []\n\n# where it sits\n[sensor]\nrotation = [\n  [1, 0, 0], [0, 1, 0],\n  [0, 0, 1],\n] # turned\n# behind\n[workpiece]\ntranslation_mm = [1, 2, 3]\n";
         for text in [before, "[chain]\nsensor = []\n"] {
             let after = with_sensor(text, &mount, Some(&covariance)).unwrap();
             let machine = AxisChain::parse(&after).unwrap();
             assert_eq!(machine.sensor, mount);
             assert_eq!(machine.sensor_covariance, Some(covariance));
-            for line in text.lines().filter(|l| l.contains('#')) {
-                assert!(after.contains(line), "{line} is not in\n{after}");
+            for comment in text.lines().filter_map(|l| l.find('#').map(|at| &l[at..])) {
+                assert!(after.contains(comment), "{comment} is not in\n{after}");
             }
             let again = with_sensor(&after, &mount, None).unwrap();
             assert_eq!(AxisChain::parse(&again).unwrap().sensor_covariance, None);
         }
         let error = with_sensor("sensor = 3", &mount, None).unwrap_err();
         assert_eq!(error.code, "machine");
+    }
+
+    /// Only the two lines of the joint differ, comments behind them stay, and what no such joint is is refused by name.
+    #[test]
+    fn a_new_axis_changes_its_two_lines_alone() {
+        let blocks = "# mine\n[[joint]]\nname = \"X\"\nkind = \"linear\"\ndirection = [1, 0, 0] # along\n\n[[joint]]\nname = \"C\"\n\
+                      kind = \"rotary\"\ndirection = [0, 0, 1]      # the axis\npoint_mm = [0, 0, 0]       # any point\nvalue = 3.5 # on it\n\n\
+                      [chain]\nsensor = [\"X\"]\nworkpiece = [\"C\"]\n\n[sensor] # last\ntranslation_mm = [1, 2, 3]\n";
+        let inline = "joint = [\n  { name = \"C\", kind = \"rotary\", direction = [0, 0, 1], point_mm = [0, 0, 0] }, # one\n]\n\
+                      [chain]\nsensor = []\nworkpiece = [\"C\"]\n";
+        let (direction, point) = ([1e-4, -3e-4, 1.0], [12.5, -1.0 / 3.0, 1e-9]);
+        for (text, changed) in [(blocks, 2), (inline, 1)] {
+            let after = with_axis(text, "C", direction, point).unwrap();
+            let machine = AxisChain::parse(&after).unwrap();
+            let joint = machine.joints.iter().find(|j| j.name == "C").unwrap();
+            assert_eq!(joint.point_mm, Vector3::from(point));
+            assert!((joint.direction - Vector3::from(direction).normalize()).norm() < 1e-15);
+            assert_eq!(text.lines().count(), after.lines().count());
+            let differ = text.lines().zip(after.lines()).filter(|(a, b)| a != b);
+            let differ: Vec<_> = differ.collect();
+            assert_eq!(differ.len(), changed, "{differ:?}");
+            for (old, new) in differ {
+                let comment = old.find('#').map_or("", |at| &old[at..]);
+                assert!(new.ends_with(comment), "{new} lost {comment}");
+            }
+        }
+        for (name, code) in [("X", "machine"), ("B", "missing_axis")] {
+            let error = with_axis(blocks, name, direction, point).unwrap_err();
+            assert_eq!(error.code, code);
+            assert!(error.message.contains(name), "{error:?}");
+        }
     }
 }

@@ -407,6 +407,9 @@ pub fn merge(
         bounds_mm: None,
         pairing,
     };
+    if !between.is_empty() {
+        sink.interpolating()?;
+    }
     let mut mount = MountShare::of(machine);
     let mut points = Vec::new();
     let mut uncertainties = Vec::new();
@@ -420,6 +423,7 @@ pub fn merge(
         let of_latch = latches
             .get(&number)
             .map(|&latch| (merger.seen_us(latch), merger.pose(latch)));
+        let is_between = of_latch.is_none();
         let Some((t_us, pose)) = of_latch.or_else(|| between.get(&number).copied()) else {
             return Ok(());
         };
@@ -459,6 +463,7 @@ pub fn merge(
         merged.invalid += profile.invalid;
         sink.pose(number, &pose)?;
         sink.time(t_us);
+        sink.interpolated(is_between);
         if options.uncertainties {
             sink.uncertainties(&uncertainties);
         }

@@ -39,6 +39,7 @@ impl Drops {
             times: columns.time,
             uncertainties: columns.mount_u,
             intensities: columns.intensity,
+            interpolated: columns.interpolated,
         };
         Ok(Self {
             counts: Vec::new(),
@@ -64,6 +65,7 @@ impl Drops {
                 file.time(point.t_us);
                 file.uncertainties(&[point.mount_u_mm]);
                 file.intensities(&[point.intensity]);
+                file.interpolated(point.interpolated);
                 file.profile(point.profile, &[(point.index, point.at)])
             }
             None => Ok(()),

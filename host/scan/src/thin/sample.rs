@@ -23,6 +23,8 @@ struct Cell {
     intensity: f64,
     /// Of the mount: one error that all points have together, so that a mean has the mean of it.
     mount_u_mm: f64,
+    /// One of them was: then so was their mean.
+    interpolated: bool,
     n: u64,
 }
 
@@ -54,6 +56,7 @@ pub fn voxels(
                 sum: point.at,
                 intensity: point.intensity,
                 mount_u_mm: point.mount_u_mm,
+                interpolated: point.interpolated,
                 n: 1,
             });
             continue;
@@ -64,6 +67,7 @@ pub fn voxels(
         }
         cell.intensity += point.intensity;
         cell.mount_u_mm += point.mount_u_mm;
+        cell.interpolated |= point.interpolated;
         cell.n += 1;
         drops.borrow_mut().drop_point("merged", &point)?;
     }
@@ -71,6 +75,7 @@ pub fn voxels(
         at: cell.sum.map(|s| s / cell.n as f64),
         intensity: cell.intensity / cell.n as f64,
         mount_u_mm: cell.mount_u_mm / cell.n as f64,
+        interpolated: cell.interpolated,
         ..CloudPoint::default()
     };
     Ok(cells.iter().map(mean).collect())

@@ -13,3 +13,7 @@ pub mod write;
 
 pub use read::{CloudReader, cloud_from_bytes, read_cloud};
 pub use write::{CloudStyle, write_cloud, write_ply};
+
+/// Who wrote a LAS or LAZ file, as its header says it. In files of others a synthetic point may be anything that no sensor
+/// placed; in ours it was placed between latches.
+pub(crate) const LAS_SOFTWARE: &str = "openumi";

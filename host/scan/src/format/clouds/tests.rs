@@ -27,6 +27,7 @@ fn cloud() -> Vec<CloudPoint> {
             intensity: f64::from(i % 256),
             // A float keeps it.
             mount_u_mm: f64::from(i % 31) / 1024.0,
+            interpolated: i / 100 % 7 == 3,
         })
         .collect()
 }
@@ -37,6 +38,7 @@ const ALL: CloudColumns = CloudColumns {
     time: true,
     intensity: true,
     mount_u: true,
+    interpolated: true,
 };
 
 fn write(path: &std::path::Path, double: bool) -> u64 {
@@ -103,6 +105,8 @@ fn coordinates_of_other_formats_come_back() {
             time: true,
             intensity: true,
             mount_u: name == "a.pcd",
+            // E57 has no room for it.
+            interpolated: name != "a.e57",
         };
         assert_eq!(reader.columns, columns, "{name}");
         for wanted in cloud() {
@@ -113,6 +117,11 @@ fn coordinates_of_other_formats_come_back() {
             if holds_all {
                 assert_eq!((found.profile, found.index), (wanted.profile, wanted.index));
             }
+            assert_eq!(
+                found.interpolated,
+                columns.interpolated && wanted.interpolated,
+                "{name}"
+            );
             let u_mm = if columns.mount_u {
                 wanted.mount_u_mm
             } else {
@@ -148,15 +157,15 @@ fn pcd_has_its_header_and_records() {
     };
     assert_eq!(
         value("FIELDS"),
-        "x y z profile index t_us intensity mount_u_mm"
+        "x y z profile index t_us intensity mount_u_mm interpolated"
     );
-    assert_eq!(value("SIZE"), "8 8 8 4 4 8 4 4");
-    assert_eq!(value("TYPE"), "F F F U U F F F");
+    assert_eq!(value("SIZE"), "8 8 8 4 4 8 4 4 1");
+    assert_eq!(value("TYPE"), "F F F U U F F F U");
     assert_eq!(
         (value("WIDTH"), value("POINTS")),
         ("5000".into(), "5000".into())
     );
-    let stride = 48;
+    let stride = 49;
     assert_eq!(bytes.len() - end, 5000 * stride);
     for (record, wanted) in bytes[end..].chunks_exact(stride).zip(cloud()) {
         let real = |k: usize| f64::from_le_bytes(record[8 * k..8 * k + 8].try_into().unwrap());
@@ -166,6 +175,7 @@ fn pcd_has_its_header_and_records() {
             (u64::from(whole(24)), whole(28)),
             (wanted.profile, wanted.index)
         );
+        assert_eq!(record[48], u8::from(wanted.interpolated));
     }
     std::fs::remove_dir_all(folder).unwrap();
 }
@@ -192,6 +202,8 @@ fn las_and_laz_hold_tenths_of_micrometres() {
         });
         near(at, wanted.at, 0.51e-4);
         assert_eq!(f64::from(u16_at(record + 12)), wanted.intensity);
+        // Bit 5 beside the classification: synthetic.
+        assert_eq!(bytes[record + 15] == 0b0010_0000, wanted.interpolated);
     }
     // The header says what the points span.
     near(
@@ -272,6 +284,7 @@ fn parquet_has_a_column_for_each() {
             (at, [5, 6].map(|k| row.get_double(k).unwrap())),
             (wanted.at, [wanted.t_us, wanted.intensity])
         );
+        assert_eq!(row.get_bool(8).unwrap(), wanted.interpolated);
         n += 1;
     }
     assert_eq!(n, 5000);

@@ -19,6 +19,7 @@ enum Meaning {
     Time,
     Intensity,
     MountU,
+    Interpolated,
     Other,
 }
 
@@ -62,6 +63,7 @@ impl<R: BufRead> PlyReader<R> {
             "t_us" => Meaning::Time,
             "intensity" | "scalar_intensity" | "scalar_Intensity" => Meaning::Intensity,
             "mount_u_mm" => Meaning::MountU,
+            "interpolated" => Meaning::Interpolated,
             _ => Meaning::Other,
         };
         let properties: Vec<(Meaning, Scalar)> = vertex
@@ -95,6 +97,7 @@ impl<R: BufRead> PlyReader<R> {
             time: has(Meaning::Time),
             intensity: has(Meaning::Intensity),
             mount_u: has(Meaning::MountU),
+            interpolated: has(Meaning::Interpolated),
         }
     }
 
@@ -139,6 +142,7 @@ impl<R: BufRead> PlyReader<R> {
             Meaning::Time => point.t_us = value,
             Meaning::Intensity => point.intensity = value,
             Meaning::MountU => point.mount_u_mm = value,
+            Meaning::Interpolated => point.interpolated = value != 0.0,
             Meaning::Other => {}
         };
         if self.encoding == Encoding::Text {

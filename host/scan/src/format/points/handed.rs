@@ -31,6 +31,8 @@ pub(super) struct HandedPoints {
     mount_u_mm: Vec<f64>,
     /// As `mount_u_mm`.
     intensities: Vec<f64>,
+    /// As `t_us`.
+    interpolated: bool,
 }
 
 impl HandedPoints {
@@ -51,6 +53,7 @@ impl HandedPoints {
             t_us: 0.0,
             mount_u_mm: Vec::new(),
             intensities: Vec::new(),
+            interpolated: false,
         }
     }
 
@@ -88,8 +91,12 @@ impl PointSink for HandedPoints {
         self.intensities.extend_from_slice(intensities);
     }
 
+    fn interpolated(&mut self, is: bool) {
+        self.interpolated = is;
+    }
+
     fn profile(&mut self, profile: u64, points: &[(u32, [f64; 3])]) -> Result<(), ScanError> {
-        let t_us = self.t_us;
+        let (t_us, interpolated) = (self.t_us, self.interpolated);
         let u_mm = self.mount_u_mm.iter().copied();
         let u_mm = u_mm.chain(std::iter::repeat(0.0));
         let bright = self.intensities.iter().copied();
@@ -104,6 +111,7 @@ impl PointSink for HandedPoints {
                 t_us,
                 mount_u_mm,
                 intensity,
+                interpolated,
             });
         self.hand(Handover::Points(points.collect()))
     }

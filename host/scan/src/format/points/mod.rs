@@ -5,7 +5,7 @@
 //! * `.pcd`, and with the feature `cloud-formats` `.las`, `.laz`, `.e57`, `.parquet`: as
 //!   [`super::clouds`] writes them.
 //!
-//! Each has the time of every point where that is asked for, and its intensity; `.csv`, `.ply`, `.pcd` and `.parquet` its uncertainty by the mount.
+//! Each has the time of every point where that is asked for, and its intensity; which points were placed between latches, where any were (not E57); `.csv`, `.ply`, `.pcd` and `.parquet` its uncertainty by the mount.
 //!
 //! A file appears under its name only when it is complete.
 
@@ -16,7 +16,7 @@ mod handed;
 mod ply;
 
 use std::io::BufWriter;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use umi_kinematics::Pose;
 
@@ -45,6 +45,17 @@ pub trait PointSink {
     /// Takes how bright the points of the profile that comes next were, in the sensor's own measure.
     fn intensities(&mut self, _intensities: &[f64]) {}
 
+    /// Some of the profiles of this scan had no latch and are placed between two others: told before the first profile.
+    ///
+    /// # Errors
+    /// What says so cannot be written.
+    fn interpolating(&mut self) -> Result<(), ScanError> {
+        Ok(())
+    }
+
+    /// Takes whether the profile that comes next is one of those.
+    fn interpolated(&mut self, _is: bool) {}
+
     /// Takes the points of a profile, each with its index in the sensor's array.
     ///
     /// # Errors
@@ -72,6 +83,8 @@ pub struct PointStyle {
     pub uncertainties: bool,
     /// How bright the sensor saw each point.
     pub intensities: bool,
+    /// Which points were placed between latches.
+    pub interpolated: bool,
 }
 
 /// A file of points that is being written.
@@ -80,6 +93,8 @@ pub struct PointFile {
     sink: Box<dyn PointSink>,
     /// Of a sink that has not one of its own.
     partial: Option<Partial>,
+    /// How it was begun; none where each profile is a scan of its own.
+    begun: Option<(PathBuf, PointStyle)>,
 }
 
 impl PointFile {
@@ -115,23 +130,26 @@ impl PointFile {
         let plain = !style.times
             && !style.uncertainties
             && !style.intensities
+            && !style.interpolated
             && (kind == "csv" || kind == "ply" && !profiles);
         if !plain {
             check_extension(path)?;
-            let style = CloudStyle {
+            let written = CloudStyle {
                 columns: CloudColumns {
                     profile: profiles,
                     index: profiles,
                     time: style.times,
                     intensity: style.intensities,
                     mount_u: style.uncertainties,
+                    interpolated: style.interpolated,
                 },
                 double: style.double,
                 longest_mm: None,
             };
             return Ok(Self {
-                sink: Box::new(handed::HandedPoints::new(path, style)),
+                sink: Box::new(handed::HandedPoints::new(path, written)),
                 partial: None,
+                begun: Some((path.to_owned(), style)),
             });
         }
         let partial = Partial::new(path);
@@ -145,6 +163,7 @@ impl PointFile {
         Ok(Self {
             sink,
             partial: Some(partial),
+            begun: Some((path.to_owned(), style)),
         })
     }
 
@@ -164,6 +183,7 @@ impl PointFile {
             return Ok(Self {
                 sink: Box::new(e57::E57Profiles::new(partial.begin()?, shown)?),
                 partial: Some(partial),
+                begun: None,
             });
         }
         Err(ScanError::unreadable(
@@ -191,6 +211,30 @@ impl PointSink for PointFile {
 
     fn intensities(&mut self, intensities: &[f64]) {
         self.sink.intensities(intensities);
+    }
+
+    /// Only now it is known that the points need another column: the file is begun again. Without one its bytes are what
+    /// they are without this.
+    fn interpolating(&mut self) -> Result<(), ScanError> {
+        let Some((path, style)) = self.begun.take() else {
+            return Ok(());
+        };
+        // Its writer ends and takes its partial file away before another one begins.
+        self.sink = Box::new(Nothing);
+        self.partial = None;
+        let interpolated = true;
+        *self = Self::create(
+            &path,
+            PointStyle {
+                interpolated,
+                ..style
+            },
+        )?;
+        Ok(())
+    }
+
+    fn interpolated(&mut self, is: bool) {
+        self.sink.interpolated(is);
     }
 
     fn profile(&mut self, profile: u64, points: &[(u32, [f64; 3])]) -> Result<(), ScanError> {

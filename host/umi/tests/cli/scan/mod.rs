@@ -1,5 +1,6 @@
 //! `umi scan`.
 
+mod axis;
 mod calibrate;
 mod clouds;
 mod demo;

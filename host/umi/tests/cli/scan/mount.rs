@@ -525,8 +525,66 @@ fn a_profile_without_a_latch_is_left_out_or_placed_and_named() {
             assert!((a[k] - b[k]).abs() < 0.5, "{a:?} {b:?}");
         }
     }
-    // Neighbours that are further apart than allowed place nothing.
+    // Its points are marked, and no other; the mark stays from format to format.
+    let profile = lost["profile"].as_f64().unwrap();
+    let marked = |name: &str| {
+        let text = std::fs::read_to_string(folder.path(name)).unwrap();
+        let head = text.lines().next().unwrap();
+        let mark = head.split(',').position(|name| name == "interpolated");
+        let mark = mark.unwrap_or_else(|| panic!("{name}: {head}"));
+        let rows = text.lines().skip(1).map(|row| {
+            let row: Vec<f64> = row.split(',').map(|v| v.parse().unwrap()).collect();
+            ([row[2], row[3], row[4]], row[0], row[mark])
+        });
+        rows.collect::<Vec<_>>()
+    };
+    let rows = marked("between.csv");
+    assert!(
+        rows.iter()
+            .all(|(_, of, mark)| (*mark == 1.0) == (*of == profile))
+    );
+    let with = ["--interpolate-ms", "1000", "--profiles-too"];
+    for name in [
+        "between.ply",
+        "between.pcd",
+        "between.parquet",
+        "between.laz",
+    ] {
+        let more = if name.ends_with("laz") {
+            &with[..2]
+        } else {
+            &with[..]
+        };
+        merge(&folder, &triggers, &machine, name, more);
+        if name.ends_with("parquet") {
+            continue;
+        }
+        let back = folder.path(&format!("{name}.csv"));
+        umi(&["scan", "convert", &folder.path(name), "-o", &back, "--json"]).exits(0);
+        let text = std::fs::read_to_string(&back).unwrap();
+        let head = text.lines().next().unwrap();
+        assert!(head.ends_with("interpolated"), "{name}: {head}");
+        let marks = text.lines().skip(1).map(|row| row.ends_with(",1"));
+        let wanted = rows.iter().map(|(_, _, mark)| *mark == 1.0);
+        assert!(marks.eq(wanted), "{name}");
+    }
+    // What has no room for it says so.
+    let out = merge(&folder, &triggers, &machine, "between.e57", &with[..2]);
+    assert!(
+        out["warnings"].to_string().contains("no room for the mark"),
+        "{out}"
+    );
+    // Neighbours that are further apart than allowed place nothing; without a point so placed the file is as ever.
     let more = ["--interpolate-ms", "0.001"];
     let out = merge(&folder, &triggers, &machine, "none.csv", &more);
     assert_eq!(out["interpolated"], serde_json::json!([]));
+    for name in ["none.ply", "none.las"] {
+        merge(&folder, &triggers, &machine, name, &more);
+        let plain = name.replace("none", "out");
+        merge(&folder, &triggers, &machine, &plain, &[]);
+        let bytes = |name: &str| std::fs::read(folder.path(name)).unwrap();
+        assert_eq!(bytes(name), bytes(&plain), "{name}");
+    }
+    let text = |name: &str| std::fs::read_to_string(folder.path(name)).unwrap();
+    assert_eq!(text("none.csv"), text("out.csv"));
 }

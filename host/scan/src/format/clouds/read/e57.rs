@@ -37,6 +37,7 @@ fn points(bytes: &[u8]) -> e57::Result<ScanCloud> {
         time: all(RecordName::TimeStamp),
         intensity: all(RecordName::Intensity),
         mount_u: false,
+        interpolated: false,
     };
     for scan in scans {
         let of_name = of_name(&scan);
@@ -57,6 +58,7 @@ fn points(bytes: &[u8]) -> e57::Result<ScanCloud> {
                 t_us: times_us.get(place).copied().unwrap_or(0.0),
                 intensity: f64::from(point.intensity.unwrap_or(0.0)),
                 mount_u_mm: 0.0,
+                interpolated: false,
             };
             match point.cartesian {
                 CartesianCoordinate::Valid { x, y, z } => {

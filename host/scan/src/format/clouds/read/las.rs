@@ -2,6 +2,7 @@
 
 use crate::ScanError;
 use crate::cloud::{BesidePoint, ScanCloud};
+use crate::format::clouds::LAS_SOFTWARE;
 use crate::rigid::Vec3;
 
 /// What every header has.
@@ -53,11 +54,15 @@ pub(super) fn read(bytes: &[u8]) -> Result<ScanCloud, ScanError> {
     let t_us =
         |record: &[u8]| time_at.map_or(0.0, |at| f64::from_le_bytes(array(record, at)) * US_PER_S);
     let bright = |record: &[u8]| u16::from_le_bytes(array(record, 12));
+    // Our own files have records of the old formats alone.
+    let is_ours = format < 6 && software(bytes) == LAS_SOFTWARE.as_bytes();
+    let synthetic = |record: &[u8]| is_ours && record[15] & 0b0010_0000 != 0;
     let records = || body.chunks_exact(stride).take(count as usize);
     let mut cloud = ScanCloud::default();
     // Every point has a place for it; where it is 0 in all of them, nobody has measured it.
     cloud.columns.intensity = records().any(|record| bright(record) > 0);
     cloud.columns.time = records().any(|record| t_us(record) != 0.0);
+    cloud.columns.interpolated = records().any(synthetic);
     cloud.points.reserve_exact(count as usize);
     for record in records() {
         let [x, y, z] = std::array::from_fn(|i| {
@@ -66,11 +71,19 @@ pub(super) fn read(bytes: &[u8]) -> Result<ScanCloud, ScanError> {
         let beside = BesidePoint {
             t_us: t_us(record),
             intensity: f64::from(bright(record)),
+            interpolated: synthetic(record),
             ..BesidePoint::default()
         };
         cloud.push_with(Vec3::new(x, y, z), beside);
     }
     Ok(cloud)
+}
+
+/// Who made the file, up to the zeros that fill its place.
+fn software(bytes: &[u8]) -> &[u8] {
+    let place = bytes.get(58..90).unwrap_or_default();
+    let end = place.iter().position(|&byte| byte == 0);
+    &place[..end.unwrap_or(place.len())]
 }
 
 /// The bytes from `at` on, which are there.

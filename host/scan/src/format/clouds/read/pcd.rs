@@ -9,6 +9,16 @@ const HEADER_LINES: usize = 200;
 /// LZF makes at most 264 bytes of three.
 const EXPANSION: usize = 88;
 
+/// Fields beside the coordinates.
+const OTHERS: [&str; 6] = [
+    "profile",
+    "index",
+    "t_us",
+    "intensity",
+    "mount_u_mm",
+    "interpolated",
+];
+
 /// What a column holds.
 #[derive(Clone, Copy)]
 struct Field {
@@ -22,8 +32,8 @@ struct Field {
 
 struct Header {
     axes: [Field; 3],
-    /// Profile, index, time, intensity and uncertainty by the mount, where it has them.
-    others: [Option<Field>; 5],
+    /// Those of [`OTHERS`] that it has.
+    others: [Option<Field>; 6],
     stride: usize,
     columns: usize,
     points: usize,
@@ -107,7 +117,7 @@ impl Header {
         if [sizes.len(), kinds.len(), counts.len()] != [names.len(); 3] {
             return Err(bad("FIELDS, SIZE, TYPE and COUNT are not of one length"));
         }
-        let (mut axes, mut others) = ([None; 3], [None; 5]);
+        let (mut axes, mut others) = ([None; 3], [None; 6]);
         let (mut stride, mut columns) = (0_usize, 0_usize);
         for (i, name) in names.iter().enumerate() {
             let field = Field {
@@ -122,9 +132,7 @@ impl Header {
                 }
                 axes[axis] = Some(field);
             }
-            let other = ["profile", "index", "t_us", "intensity", "mount_u_mm"]
-                .iter()
-                .position(|other| other == name);
+            let other = OTHERS.iter().position(|other| other == name);
             if let Some(other) = other.filter(|_| field.is_known() && counts[i] == 1) {
                 others[other] = Some(field);
             }
@@ -154,7 +162,8 @@ impl Header {
 
     /// A cloud without points, for all of them.
     fn cloud(&self) -> ScanCloud {
-        let [profile, index, time, intensity, mount_u] = self.others.map(|field| field.is_some());
+        let has = self.others.map(|field| field.is_some());
+        let [profile, index, time, intensity, mount_u, interpolated] = has;
         let mut cloud = ScanCloud {
             columns: CloudColumns {
                 profile,
@@ -162,6 +171,7 @@ impl Header {
                 time,
                 intensity,
                 mount_u,
+                interpolated,
             },
             ..ScanCloud::default()
         };
@@ -172,13 +182,13 @@ impl Header {
     /// Takes a point by what `number` says of each field.
     fn take(&self, cloud: &mut ScanCloud, number: impl Fn(Field) -> Option<f64>) -> Option<()> {
         let [x, y, z] = self.axes.map(&number);
-        let mut beside = [0.0; 5];
+        let mut beside = [0.0; 6];
         for (value, field) in beside.iter_mut().zip(self.others) {
             if let Some(field) = field {
                 *value = number(field)?;
             }
         }
-        let [profile, index, t_us, intensity, mount_u_mm] = beside;
+        let [profile, index, t_us, intensity, mount_u_mm, interpolated] = beside;
         cloud.push_with(
             Vec3::new(x?, y?, z?),
             BesidePoint {
@@ -188,6 +198,7 @@ impl Header {
                 t_us,
                 intensity,
                 mount_u_mm,
+                interpolated: interpolated != 0.0,
             },
         );
         Some(())

@@ -30,7 +30,7 @@ enum Source {
 
 impl CloudReader {
     /// Opens a cloud: PLY, PCD, LAS, LAZ or E57 by its first bytes, else a table with the columns `x_mm,y_mm,z_mm` (or `x,y,z`) and,
-    /// where it has them, `profile`, `index`, `t_us`, `intensity`, `mount_u_mm`; or one of numbers alone.
+    /// where it has them, `profile`, `index`, `t_us`, `intensity`, `mount_u_mm`, `interpolated`; or one of numbers alone.
     ///
     /// PLY and tables are read point by point, in constant memory; of the others all points are held.
     ///
@@ -111,6 +111,7 @@ fn point(at: Vec3, beside: BesidePoint) -> CloudPoint {
         t_us: beside.t_us,
         intensity: beside.intensity,
         mount_u_mm: beside.mount_u_mm,
+        interpolated: beside.interpolated,
     }
 }
 

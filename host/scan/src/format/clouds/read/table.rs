@@ -16,6 +16,7 @@ pub(super) struct TablePoints<R> {
     time: Option<Column>,
     intensity: Option<Column>,
     mount_u: Option<Column>,
+    interpolated: Option<Column>,
 }
 
 impl<R: BufRead> TablePoints<R> {
@@ -38,6 +39,7 @@ impl<R: BufRead> TablePoints<R> {
             time: table.optional("t_us"),
             intensity: table.optional("intensity"),
             mount_u: table.optional("mount_u_mm"),
+            interpolated: table.optional("interpolated"),
             table,
         })
     }
@@ -50,6 +52,7 @@ impl<R: BufRead> TablePoints<R> {
             time: self.time.is_some(),
             intensity: self.intensity.is_some(),
             mount_u: self.mount_u.is_some(),
+            interpolated: self.interpolated.is_some(),
         }
     }
 
@@ -66,6 +69,7 @@ impl<R: BufRead> TablePoints<R> {
             t_us: self.time.map_or(Ok(0.0), |c| row.number(c))?,
             intensity: self.intensity.map_or(Ok(0.0), |c| row.number(c))?,
             mount_u_mm: self.mount_u.map_or(Ok(0.0), |c| row.number(c))?,
+            interpolated: self.interpolated.map_or(Ok(0.0), |c| row.number(c))? != 0.0,
         };
         Ok(Some((at, beside)))
     }

@@ -1,5 +1,6 @@
 //! LAS 1.2 and LAZ by the crate `las`: coordinates as whole steps of 0.1 µm about the first point, intensity, and
-//! times in seconds, where the format has those of GPS.
+//! times in seconds, where the format has those of GPS. A point that was placed between latches is a synthetic one, as the
+//! standard calls what no sensor placed.
 
 use std::io::BufWriter;
 
@@ -9,6 +10,7 @@ use las::{Builder, Point, Transform, Vector, Writer};
 use super::CloudStyle;
 use super::counted::Counted;
 use crate::ScanError;
+use crate::format::clouds::LAS_SOFTWARE;
 use crate::format::partial::Partial;
 
 /// A step in mm. The farthest point is 2^31 steps away: 214 m.
@@ -30,7 +32,7 @@ pub(super) fn write(
         offset: about[k].round(),
     };
     let mut builder = Builder::from((1, 2));
-    builder.generating_software = "openumi".into();
+    builder.generating_software = LAS_SOFTWARE.into();
     builder.point_format = Format::new(u8::from(style.columns.time)).map_err(refused)?;
     builder.point_format.is_compressed = compressed;
     builder.transforms = Vector {
@@ -66,6 +68,7 @@ pub(super) fn write(
                 gps_time: style.columns.time.then_some(p.t_us * S_PER_US),
                 return_number: 1,
                 number_of_returns: 1,
+                is_synthetic: style.columns.interpolated && p.interpolated,
                 ..Point::default()
             })
             .map_err(refused)?;

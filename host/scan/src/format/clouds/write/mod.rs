@@ -97,6 +97,15 @@ pub fn holds_uncertainty(path: &Path) -> bool {
     })
 }
 
+/// Whether the format has room for the mark of points that were placed between latches: LAS and LAZ call them synthetic.
+#[must_use]
+pub fn holds_interpolated(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| {
+        let is = |name: &str| extension.eq_ignore_ascii_case(name);
+        holds_uncertainty(path) || is("las") || is("laz")
+    })
+}
+
 /// What came of a cloud that was written.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WrittenCloud {

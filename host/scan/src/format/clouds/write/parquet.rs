@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use parquet::data_type::{DoubleType, Int32Type, Int64Type};
+use parquet::data_type::{BoolType, DoubleType, Int32Type, Int64Type};
 use parquet::errors::ParquetError;
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::parser::parse_message_type;
@@ -39,6 +39,9 @@ pub(super) fn write(
     }
     if columns.mount_u {
         schema += "REQUIRED DOUBLE mount_u_mm; ";
+    }
+    if columns.interpolated {
+        schema += "REQUIRED BOOLEAN interpolated; ";
     }
     let schema = parse_message_type(&(schema + "}")).map_err(refused)?;
     let file = partial.begin()?;
@@ -96,6 +99,15 @@ pub(super) fn write(
         real(columns.time, &|p| p.t_us).map_err(refused)?;
         real(columns.intensity, &|p| p.intensity).map_err(refused)?;
         real(columns.mount_u, &|p| p.mount_u_mm).map_err(refused)?;
+        if columns.interpolated {
+            let values: Vec<bool> = held.iter().map(|p| p.interpolated).collect();
+            let column = group.next_column().map_err(refused)?;
+            if let Some(mut column) = column {
+                let batch = column.typed::<BoolType>().write_batch(&values, None, None);
+                batch.map_err(refused)?;
+                column.close().map_err(refused)?;
+            }
+        }
         group.close().map_err(refused)?;
     }
     writer.close().map_err(refused)?;

@@ -23,9 +23,13 @@ fn header(style: CloudStyle, count: u64) -> String {
     let sizes = row(&|(_, kind)| match kind {
         Kind::Coordinate if style.double => "8",
         Kind::Time => "8",
+        Kind::Flag => "1",
         _ => "4",
     });
-    let types = row(&|(_, kind)| if *kind == Kind::Number { "U" } else { "F" });
+    let types = row(&|(_, kind)| match kind {
+        Kind::Number | Kind::Flag => "U",
+        _ => "F",
+    });
     format!(
         "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS {}\nSIZE {sizes}\nTYPE {types}\nCOUNT {}\n\
          WIDTH {count:<20}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {count:<20}\nDATA binary\n",

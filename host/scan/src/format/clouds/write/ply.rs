@@ -33,6 +33,7 @@ fn header(style: CloudStyle, count: u64) -> String {
             Kind::Time => "double",
             Kind::Coordinate | Kind::Measure => "float",
             Kind::Number => "uint",
+            Kind::Flag => "uchar",
         };
         (kind, name)
     };

@@ -47,6 +47,9 @@ pub(super) fn write(
         if columns.mount_u {
             record.extend_from_slice(&(p.mount_u_mm as f32).to_le_bytes());
         }
+        if columns.interpolated {
+            record.push(u8::from(p.interpolated));
+        }
         out.write_all(&record).map_err(io)?;
     }
     out.seek(SeekFrom::Start(0)).map_err(io)?;
@@ -76,6 +79,9 @@ pub(super) fn columns(style: CloudStyle) -> Vec<(&'static str, Kind)> {
     if style.columns.mount_u {
         all.push(("mount_u_mm", Kind::Measure));
     }
+    if style.columns.interpolated {
+        all.push(("interpolated", Kind::Flag));
+    }
     all
 }
 
@@ -87,4 +93,6 @@ pub(super) enum Kind {
     Time,
     /// A float is enough.
     Measure,
+    /// A byte, 0 or 1.
+    Flag,
 }

@@ -1,4 +1,4 @@
-//! CSV: `profile,index,x_mm,y_mm,z_mm,t_us,intensity,mount_u_mm`, without the columns that a cloud does not have.
+//! CSV: `profile,index,x_mm,y_mm,z_mm,t_us,intensity,mount_u_mm,interpolated`, without the columns that a cloud does not have.
 
 use std::io::{BufWriter, Write};
 
@@ -32,6 +32,9 @@ pub(super) fn write(
     if columns.mount_u {
         names.push("mount_u_mm");
     }
+    if columns.interpolated {
+        names.push("interpolated");
+    }
     writeln!(out, "{}", names.join(",")).map_err(io)?;
     while let Some(p) = points.next_point()? {
         if columns.profile {
@@ -51,6 +54,9 @@ pub(super) fn write(
         }
         if columns.mount_u {
             write!(out, ",{}", p.mount_u_mm).map_err(io)?;
+        }
+        if columns.interpolated {
+            write!(out, ",{}", u8::from(p.interpolated)).map_err(io)?;
         }
         writeln!(out).map_err(io)?;
     }

@@ -1,6 +1,7 @@
 //! `umi scan calibrate`
 
 mod axis;
+mod axis_page;
 mod centres;
 mod line_plan;
 mod observe;
@@ -8,6 +9,7 @@ mod plan;
 mod point;
 mod residual_page;
 mod sensor;
+mod written;
 
 use crate::failure::Failure;
 use clap::{Args, Subcommand};
@@ -23,7 +25,7 @@ Examples:
   umi scan calibrate sensor seen.csv positions.csv --machine m.toml --on sphere --radius-mm 12.7
   umi scan calibrate centres turned.gocator scan.csv --machine m.toml --axis C \\
       --radius-mm 12.7 -o centres.csv
-  umi scan calibrate axis centres.csv
+  umi scan calibrate axis centres.csv --machine m.toml --axis C -o turned.toml
   umi scan calibrate point readings.csv --spheres ball.toml")]
 pub(crate) struct Calibrate {
     #[command(subcommand)]

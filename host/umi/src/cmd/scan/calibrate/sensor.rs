@@ -4,10 +4,8 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use crate::failure::Failure;
-use crate::output::Force;
 use crate::show::terminal::Plain;
 use clap::{ArgGroup, Args, ValueEnum};
-use umi_report::pages::deviation::html;
 use umi_scan::ScanError;
 use umi_scan::calibrate::bar::BallBar;
 use umi_scan::calibrate::misfit::Misfit;
@@ -19,6 +17,7 @@ use umi_scan::format::table::TableReader;
 use super::super::super::Format;
 use super::super::answer::answer;
 use super::residual_page::page;
+use super::written::{Written, text_of};
 
 /// Where the sensor sits on the machine, from planes or balls that it saw
 #[derive(Args)]
@@ -55,17 +54,8 @@ pub(crate) struct Sensor {
     /// Answer also where the poses disagree so much that the mount is wrong by more than its uncertainty
     #[arg(long)]
     allow_misfit: bool,
-    /// The machine file with this mount and its covariance, all else as it is
-    #[arg(short, long, value_name = "MACHINE.toml")]
-    output: Option<PathBuf>,
-    /// The residual of each observation, in its row
-    #[arg(long, value_name = "RESIDUALS.csv")]
-    residuals: Option<PathBuf>,
-    /// A page with the residuals where they are, on maps and in a view that turns
-    #[arg(long, value_name = "PAGE.html")]
-    report: Option<PathBuf>,
     #[command(flatten)]
-    force: Force,
+    written: Written,
     #[command(flatten)]
     pub format: Format,
 }
@@ -171,36 +161,20 @@ impl Sensor {
             ));
         }
         let inputs = [&*self.observations, &*self.positions, &*self.machine];
-        let outputs = [&self.output, &self.residuals, &self.report];
-        let outputs: Vec<&PathBuf> = outputs.into_iter().flatten().collect();
-        for (place, path) in outputs.iter().enumerate() {
-            self.force.check(path, &inputs)?;
-            if outputs[..place].contains(path) {
-                return Err(Failure::trouble(
-                    "file",
-                    "machine file, residuals and page need a file each",
-                ));
-            }
-        }
+        self.written.check(&inputs)?;
         answer(self.make(), self.format.json, text)
     }
 
     fn make(&self) -> Result<SensorAnswer, ScanError> {
         let (found, all) = self.find()?;
-        if let Some(path) = &self.residuals {
-            std::fs::write(path, residuals(&found, &all))
-                .map_err(|error| ScanError::file("write", path, &error))?;
-        }
-        if let Some(path) = &self.report {
-            std::fs::write(path, html(&page(&found, &all)))
-                .map_err(|error| ScanError::file("write", path, &error))?;
-        }
-        if let Some(path) = &self.output {
-            let text = std::fs::read_to_string(&self.machine)
-                .map_err(|error| ScanError::file("read", &self.machine, &error))?;
-            let text = machine::with_sensor(&text, &found.mount(), found.best_covariance())?;
-            std::fs::write(path, text).map_err(|error| ScanError::file("write", path, &error))?;
-        }
+        self.written.write(
+            || residuals(&found, &all),
+            || page(&found, &all),
+            || {
+                let text = text_of(&self.machine)?;
+                machine::with_sensor(&text, &found.mount(), found.best_covariance())
+            },
+        )?;
         Ok(found)
     }
 

@@ -89,6 +89,7 @@ impl Clouds {
                     CloudColumns {
                         intensity: reader.columns.intensity,
                         mount_u: reader.columns.mount_u,
+                        interpolated: reader.columns.interpolated,
                         ..CloudColumns::default()
                     }
                 } else {
@@ -113,6 +114,11 @@ impl Clouds {
             if style.columns.mount_u && !write::holds_uncertainty(&self.output) {
                 warnings.push(
                     "This format has no room for the column mount_u_mm: it is left out.".into(),
+                );
+            }
+            if style.columns.interpolated && !write::holds_interpolated(&self.output) {
+                warnings.push(
+                    "This format has no room for the mark of interpolated points (interpolated): it is left out.".into(),
                 );
             }
             Ok(Thinned {

@@ -81,7 +81,10 @@ file is written, and one that was there stays. Where no sample has a range the c
 says so (`no_range`). Until it is complete the cloud is CLOUD.part; an interrupt takes that away.
 
 With --interpolate-ms the answer names the profiles that no latch placed (`interpolated`): their
-points stand on a straight line between two latches, whatever the axes did there.
+points stand on a straight line between two latches, whatever the axes did there. In the cloud they are
+marked, and stay so through filter, crop, sample and convert: by the column `interpolated` (0 or 1) of
+CSV, PLY, PCD and Parquet, and by the synthetic flag of LAS and LAZ. E57 and STL have no room for it: a
+warning says so, and the answer's list is all. A cloud without such points has no such column.
 
 The time of a point (--times-too) is that of its edge plus --latency-us: the moment for which its
 counts were taken. All points of a profile have the same.
@@ -156,6 +159,7 @@ impl Merge {
                         times: self.times_too,
                         uncertainties: self.uncertainty_too,
                         intensities: self.intensity_too,
+                        interpolated: false,
                     },
                 )?
             },
@@ -182,6 +186,17 @@ impl Merge {
             .pairing
             .warnings
             .extend(write::notes(&self.output, self.double, farthest_mm));
+        let marked = merged
+            .interpolated
+            .as_ref()
+            .is_some_and(|all| !all.is_empty());
+        if marked && !write::holds_interpolated(&self.output) {
+            merged.pairing.warnings.push(
+                "interpolated: this format has no room for the mark of interpolated points: only `interpolated` of this answer \
+                 names their profiles. Write .ply, .csv, .pcd, .las or .parquet to have it with each point"
+                    .into(),
+            );
+        }
         Ok(merged)
     }
 }
@@ -215,6 +230,14 @@ impl PointSink for Files {
 
     fn intensities(&mut self, intensities: &[f64]) {
         self.points.intensities(intensities);
+    }
+
+    fn interpolating(&mut self) -> Result<(), ScanError> {
+        self.points.interpolating()
+    }
+
+    fn interpolated(&mut self, is: bool) {
+        self.points.interpolated(is);
     }
 
     fn profile(&mut self, profile: u64, points: &[(u32, [f64; 3])]) -> Result<(), ScanError> {
