@@ -42,6 +42,27 @@ impl WasherTest {
         }
     }
 
+    /// What S2 prints in its tables 12, 14 and 16, of diameters, height and their mean: errors in mm, and in percent. The
+    /// first of table 12 should be 0.35, and its percentages are 0.85, 0.86 and 0.32.
+    #[must_use]
+    pub const fn printed_errors(self) -> [[f64; 4]; 2] {
+        match self {
+            Self::AlongX => [[0.45, 0.17, 0.02, 0.21], [0.84, 0.31, 0.15, 0.43]],
+            Self::AboutC => [[1.08, 0.28, 0.04, 0.47], [2.62, 1.41, 0.63, 1.53]],
+            Self::TwoPasses => [[0.60, 0.26, 0.01, 0.29], [1.46, 1.32, 0.16, 0.98]],
+        }
+    }
+
+    /// The numbers of its two tables in S2: results, errors.
+    #[must_use]
+    pub const fn tables(self) -> [u32; 2] {
+        match self {
+            Self::AlongX => [11, 12],
+            Self::AboutC => [13, 14],
+            Self::TwoPasses => [15, 16],
+        }
+    }
+
     /// What it is, in words.
     #[must_use]
     pub const fn name(self) -> &'static str {

@@ -23,7 +23,7 @@ use umi_virtual::scanner::LaserTarget;
 use umi_virtual::scene::{BeamEnd, LineScannerSpec};
 
 use super::mount::{MountError, calibrate};
-use super::station::{Recording, Stop, TableMachine, place};
+use super::station::{Placed, Recording, Stop, TableMachine, place};
 use crate::thesis::cases::stated;
 use crate::thesis::outcome::{Method, Setting};
 use crate::thesis::part::{NOMINAL, border_y_mm};
@@ -40,6 +40,8 @@ const TIMER_US: f64 = 55_000.0;
 const STEPOVER_MM: f64 = 0.541;
 /// Pitch of the cut surface's nodes along its axis and across.
 const PITCH_MM: [f64; 2] = [1.0, 0.06];
+/// From profile to profile where one error is alone.
+const ALONE_STEP_MM: f64 = 8.0 * STEP_MM;
 /// Points nearer than this to the part's rim say nothing of its surface.
 const RIM_MM: f64 = 0.2;
 /// Below the arc's top, in the middle of the sensor's range.
@@ -83,6 +85,46 @@ impl PartScanner {
     }
 }
 
+/// What table 6.2 reckons with, each alone in a scan of its own: the mount as it is, and nothing else wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ErrorSource {
+    /// Steps of the scales, a micrometre each, and those of the sensor's message: nothing is without them.
+    Scales,
+    /// Positions that are older than their profiles, as the loop has them.
+    Delay,
+    /// The sensor's noise.
+    Sensor,
+}
+
+impl ErrorSource {
+    /// All, in the order of table 6.2.
+    pub const ALL: [Self; 3] = [Self::Scales, Self::Delay, Self::Sensor];
+}
+
+/// What an error adds to a scan, mm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ErrorShare {
+    /// Where it comes from.
+    pub source: ErrorSource,
+    /// Along the motion, at most; 0 where it is none along it.
+    pub along_mm: f64,
+    /// Square to the surface: root mean square.
+    pub rms_mm: f64,
+    /// The largest.
+    pub max_mm: f64,
+}
+
+/// The workpiece of a seed.
+#[derive(Clone, Debug)]
+pub struct PartScans {
+    /// Each scan, in the order of the thesis.
+    pub scans: Vec<(PartScanner, PartFigures)>,
+    /// What table 6.2 reckons with.
+    pub shares: Vec<ErrorShare>,
+    /// The board's scan: points in the part's frame and their deviations from the arc as it lies best on case 0.
+    pub board: Vec<([f64; 3], f64)>,
+}
+
 /// The figures of a scan, mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PartFigures {
@@ -100,6 +142,10 @@ pub struct PartFigures {
     pub scan_rms_mm: f64,
     /// The largest of these.
     pub scan_max_mm: f64,
+    /// From sample to sample along the line: the median.
+    pub pitch_mm: f64,
+    /// From profile to profile.
+    pub step_mm: f64,
 }
 
 /// The surface as the scan sees it.
@@ -158,11 +204,19 @@ fn triangles(surface: &SurfaceDeviations) -> Result<Mesh, ScanError> {
     Mesh::new(&corners)
 }
 
+/// Away from the nominal arc at a point of the part's frame.
+#[must_use]
+pub fn outward(at_mm: &[f64; 3]) -> [f32; 3] {
+    let [y, z] = [at_mm[1] - NOMINAL.axis_y_mm, at_mm[2] - NOMINAL.axis_z_mm];
+    let length = y.hypot(z).max(1e-9);
+    [0.0, (y / length) as f32, (z / length) as f32]
+}
+
 /// Cuts the workpiece in five clampings and scans it in each way.
 ///
 /// # Errors
 /// Those of the experiment, the calibration and the merge.
-pub fn scan(seed: u64) -> Result<Vec<(PartScanner, PartFigures)>, MountError> {
+pub fn scan(seed: u64) -> Result<PartScans, MountError> {
     let setting = Setting {
         seed,
         ideal: false,
@@ -176,33 +230,60 @@ pub fn scan(seed: u64) -> Result<Vec<(PartScanner, PartFigures)>, MountError> {
     let target = CutSurface {
         mesh: triangles(&outcome.corrected.deviations)?,
     };
-    PartScanner::ALL
+    let mut scans = Vec::new();
+    let mut board = Vec::new();
+    for scanner in PartScanner::ALL {
+        let (figures, points) = one(scanner, &target, &outcome.passes, seed)?;
+        scans.push((scanner, figures));
+        if scanner == PartScanner::Board {
+            board = points;
+        }
+    }
+    let shares = ErrorSource::ALL
         .into_iter()
-        .map(|scanner| Ok((scanner, one(scanner, &target, &outcome.passes, seed)?)))
-        .collect()
+        .map(|source| share(source, &target, seed));
+    Ok(PartScans {
+        scans,
+        shares: shares.collect::<Result<_, _>>()?,
+        board,
+    })
 }
 
-fn one(
-    scanner: PartScanner,
-    target: &CutSurface,
-    passes: &Passes,
-    seed: u64,
-) -> Result<PartFigures, MountError> {
-    let (preset, step_mm) = match scanner {
-        PartScanner::Roland => ("roland", 1.0),
-        PartScanner::Board | PartScanner::Loop => ("gocator", STEP_MM),
-    };
-    let spec = LineScannerSpec::preset(preset)
-        .ok_or_else(|| ScanError::unreadable("scene", "a preset of the scanner is missing"))?;
-    // The mount is that of the better sensor: the Roland's turntable has none to calibrate.
+/// A scan in which one thing is wrong alone. A coarser one than those of the tables: it is about points, not about a shape.
+fn share(source: ErrorSource, target: &CutSurface, seed: u64) -> Result<ErrorShare, MountError> {
+    let mut spec = preset("gocator")?;
+    if source != ErrorSource::Sensor {
+        spec.noise_um = [0.0; 2];
+    }
     let mut station = TableMachine::new(spec, seed);
-    let machine = match scanner {
-        PartScanner::Roland => station.truth.clone(),
-        PartScanner::Board | PartScanner::Loop => calibrate(&mut station)?.machine,
+    let machine = station.truth.clone();
+    let mut recording = station.record(target, &stops(&station, ALONE_STEP_MM));
+    let along_mm = if source == ErrorSource::Delay {
+        age(&mut recording, seed)
+    } else {
+        0.0
     };
+    let placed = place(&recording, &machine)?;
+    let points: Vec<Vector3<f64>> = on_part(&placed).collect();
+    let (rms_mm, max_mm) = added(&points, target);
+    Ok(ErrorShare {
+        source,
+        along_mm,
+        rms_mm,
+        max_mm,
+    })
+}
+
+fn preset(name: &str) -> Result<LineScannerSpec, MountError> {
+    let spec = LineScannerSpec::preset(name);
+    Ok(spec.ok_or_else(|| ScanError::unreadable("scene", "a preset of the scanner is missing"))?)
+}
+
+/// The way across the part, a profile each step.
+fn stops(station: &TableMachine, step_mm: f64) -> Vec<Stop> {
     let half = border_y_mm() + 1.0;
     let count = (2.0 * half / step_mm).floor() as u32;
-    let stops: Vec<Stop> = (0..=count)
+    (0..=count)
         .map(|number| {
             let along = f64::from(number) * step_mm;
             let place = Vector3::new(along - half, 0.0, -AIM_MM);
@@ -212,16 +293,36 @@ fn one(
                 at_us: 1e6 + along / SPEED_MM_PER_S * 1e6,
             }
         })
-        .collect();
-    let mut recording = station.record(target, &stops);
+        .collect()
+}
+
+fn one(
+    scanner: PartScanner,
+    target: &CutSurface,
+    passes: &Passes,
+    seed: u64,
+) -> Result<(PartFigures, Vec<([f64; 3], f64)>), MountError> {
+    let (name, step_mm) = match scanner {
+        PartScanner::Roland => ("roland", 1.0),
+        PartScanner::Board | PartScanner::Loop => ("gocator", STEP_MM),
+    };
+    let spec = preset(name)?;
+    // The mount is that of the better sensor: the Roland's turntable has none to calibrate.
+    let mut station = TableMachine::new(spec, seed);
+    let machine = match scanner {
+        PartScanner::Roland => station.truth.clone(),
+        PartScanner::Board | PartScanner::Loop => calibrate(&mut station)?.machine,
+    };
+    let mut recording = station.record(target, &stops(&station, step_mm));
     if scanner == PartScanner::Loop {
         age(&mut recording, seed);
     }
-    figures(&recording, &machine, target, passes)
+    figures(&recording, &machine, target, passes, step_mm)
 }
 
-/// Positions that were read before their profiles were taken.
-fn age(recording: &mut Recording, seed: u64) {
+/// Positions that were read before their profiles were taken; by how much they are off at most, in mm.
+fn age(recording: &mut Recording, seed: u64) -> f64 {
+    let mut most = 0.0_f64;
     for (latch, number) in recording.triggers.latches.iter_mut().zip(seed % 1000..) {
         // Steps of the golden section are even, and follow no rhythm.
         let share = (number as f64 * 0.618_033_988_749_894_9).fract();
@@ -229,8 +330,47 @@ fn age(recording: &mut Recording, seed: u64) {
         let counts = (SPEED_MM_PER_S * share * TIMER_US * 1e-3).round() as i64;
         if let Some(x) = latch.counts.first_mut().and_then(Option::as_mut) {
             *x -= counts;
+            most = most.max(counts as f64 * 1e-3);
         }
     }
+    most
+}
+
+/// Points of the part that are not next to its rim.
+fn on_part(placed: &[Placed]) -> impl Iterator<Item = Vector3<f64>> + '_ {
+    let [left, right] = crate::thesis::part::MEASURED_X_MM;
+    let half = border_y_mm() - RIM_MM;
+    let is_on = move |p: &Vector3<f64>| {
+        let [x, y, _] = lies(p);
+        (left + RIM_MM..=right - RIM_MM).contains(&x) && (y - NOMINAL.axis_y_mm).abs() < half
+    };
+    let points = placed.iter().flat_map(|profile| &profile.points);
+    points.copied().filter(is_on)
+}
+
+/// How far points lie from the surface that was cut: root mean square, and at most.
+fn added(points: &[Vector3<f64>], target: &CutSurface) -> (f64, f64) {
+    let off = Threads::all().chunks(points.len(), 4096, |range| {
+        let part = points.get(range).unwrap_or_default();
+        let far = part.iter().map(|p| target.mesh.near(p).distance_mm.abs());
+        far.fold((0.0, 0.0_f64), |(squares, most), mm| {
+            (squares + mm * mm, most.max(mm))
+        })
+    });
+    let squares: f64 = off.iter().map(|(squares, _)| squares).sum();
+    let most = off.iter().fold(0.0_f64, |most, (_, mm)| most.max(*mm));
+    ((squares / points.len().max(1) as f64).sqrt(), most)
+}
+
+/// The median of the ways between neighbouring samples of profiles; 0 without any.
+fn pitch_mm(placed: &[Placed]) -> f64 {
+    let mut ways: Vec<f64> = placed
+        .iter()
+        .flat_map(|profile| profile.points.windows(2))
+        .map(|pair| (pair[1] - pair[0]).norm())
+        .collect();
+    ways.sort_by(f64::total_cmp);
+    ways.get(ways.len() / 2).copied().unwrap_or(0.0)
 }
 
 fn figures(
@@ -238,19 +378,11 @@ fn figures(
     machine: &AxisChain,
     target: &CutSurface,
     passes: &Passes,
-) -> Result<PartFigures, MountError> {
+    step_mm: f64,
+) -> Result<(PartFigures, Vec<([f64; 3], f64)>), MountError> {
     let [left, right] = crate::thesis::part::MEASURED_X_MM;
-    let half = border_y_mm() - RIM_MM;
-    let on_part = |p: &[f64; 3]| {
-        (left + RIM_MM..=right - RIM_MM).contains(&p[0]) && (p[1] - NOMINAL.axis_y_mm).abs() < half
-    };
     let placed = place(recording, machine)?;
-    let points: Vec<Vector3<f64>> = placed
-        .iter()
-        .flat_map(|profile| &profile.points)
-        .copied()
-        .filter(|p| on_part(&lies(p)))
-        .collect();
+    let points: Vec<Vector3<f64>> = on_part(&placed).collect();
     let nodes: Vec<(f64, f64, f64)> = points
         .iter()
         .map(|p| {
@@ -275,21 +407,18 @@ fn figures(
     };
     let others = umi_scan::compare::summary(&of(false))?;
     let reference = umi_scan::compare::summary(&of(true))?;
-    let off = Threads::all().chunks(points.len(), 4096, |range| {
-        let part = points.get(range).unwrap_or_default();
-        let far = part.iter().map(|p| target.mesh.near(p).distance_mm.abs());
-        far.fold((0.0, 0.0_f64), |(squares, most), mm| {
-            (squares + mm * mm, most.max(mm))
-        })
-    });
-    let squares: f64 = off.iter().map(|(squares, _)| squares).sum();
-    Ok(PartFigures {
+    let (scan_rms_mm, scan_max_mm) = added(&points, target);
+    let found = PartFigures {
         points: points.len(),
         mean_above_mm: others.mean_above_mm.unwrap_or(0.0),
         mean_below_mm: others.mean_below_mm.unwrap_or(0.0),
         std_mm: others.std_mm.unwrap_or(0.0),
         reference_std_mm: reference.std_mm.unwrap_or(0.0),
-        scan_rms_mm: (squares / points.len().max(1) as f64).sqrt(),
-        scan_max_mm: off.iter().fold(0.0, |most, (_, mm)| most.max(*mm)),
-    })
+        scan_rms_mm,
+        scan_max_mm,
+        pitch_mm: pitch_mm(&placed),
+        step_mm,
+    };
+    let shown = points.iter().map(lies).zip(laid).collect();
+    Ok((found, shown))
 }

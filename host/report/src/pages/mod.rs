@@ -5,3 +5,4 @@ pub mod path_plan;
 pub mod paths;
 pub mod scan;
 pub mod session;
+pub mod tables;

@@ -23,6 +23,7 @@ mod blame;
 mod clock;
 mod even;
 mod margin;
+mod narrower;
 mod search;
 #[cfg(test)]
 mod simulated;
@@ -40,6 +41,7 @@ use crate::format::triggers::Triggers;
 use crate::profile::Stamp;
 use crate::profile::frames::{FrameCounter, Frames, WildFirst, sort_out};
 use blame::{encoder, jump, units};
+use narrower::Narrower;
 use search::SearchOutcome;
 use streams::{Reach, Streams};
 use trains::near_two::{self, NearTwo};
@@ -111,21 +113,33 @@ pub fn pair(
     let stamps_seen = frames.stamps.len();
     let reach = streams.within_reach(1.0);
     let trains = &reach.trains;
+    let mut by_less_jitter = None;
     let found = match search::search(trains) {
         SearchOutcome::Only(found) => found,
         SearchOutcome::Tie {
             explained,
             runner_up,
         } => {
-            let why = jump::back(&streams).or_else(|| encoder::is_why(&streams, explained));
-            return Err(ambiguous(why.unwrap_or_else(|| {
-                format!(
-                    "of {stamps_seen} profiles one shift of the clocks explains {explained}, another {runner_up}, and the \
-                     faults leave both possible: {}{}",
-                    streams.advice(),
-                    left_out(&frames)
-                )
-            })));
+            let less = narrower::narrower(trains, explained);
+            if let Narrower::Decides(found, jitter_us) = less {
+                by_less_jitter = Some(format!(
+                    "jitter: within {} µs two shifts of the clocks explain {explained} and {runner_up} profiles; within \
+                     {jitter_us:.1} µs one alone does, by more than chance, and is taken. Give a narrower --jitter-us",
+                    options.jitter_us
+                ));
+                found
+            } else {
+                let why = jump::back(&streams).or_else(|| encoder::is_why(&streams, explained));
+                return Err(ambiguous(why.unwrap_or_else(|| {
+                    format!(
+                        "of {stamps_seen} profiles one shift of the clocks explains {explained}, another {runner_up}, and the \
+                         faults leave both possible: {}{}{}",
+                        streams.advice(),
+                        by_jitter(&less, trains, options.jitter_us),
+                        left_out(&frames)
+                    )
+                })));
+            }
         }
         SearchOutcome::Undecided => {
             let why = jump::back(&streams);
@@ -200,6 +214,7 @@ pub fn pair(
             pairing.doubtful.len()
         )
     }));
+    pairing.warnings.extend(by_less_jitter);
     pairing.warnings.extend(even);
     pairing.warnings.extend(skips::skips(&streams, &of_all));
     if triggers.right_until_ns.is_some() {
@@ -364,6 +379,24 @@ fn no_match(streams: &Streams<'_>, reach: &Reach) -> ScanError {
 }
 
 /// That profiles were left out by their numbers, and what to do.
+/// What a narrower jitter may do for a tie, in words behind other advice; nothing where it can do nothing.
+fn by_jitter(less: &Narrower, trains: &trains::Trains, jitter_us: f64) -> String {
+    let close = trains.closest_us().filter(|us| *us < NEAR * jitter_us);
+    match (less, close) {
+        (Narrower::Leaves(us), _) => format!(
+            "; or give --jitter-us {us:.1}, with which one of them alone is left, if the clocks agree so well"
+        ),
+        (_, Some(us)) => format!(
+            "; or give a narrower --jitter-us: triggers come within {us:.0} µs of each other, and the jitter is {jitter_us} µs \
+             to either side"
+        ),
+        _ => String::new(),
+    }
+}
+
+/// Triggers that are closer than so many jitters are met by chance.
+const NEAR: f64 = 8.0;
+
 fn left_out(frames: &Frames) -> String {
     if frames.renumbered.is_empty() {
         return String::new();

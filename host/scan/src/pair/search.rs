@@ -174,6 +174,22 @@ pub fn search_in(trains: &Trains, most_steps: u64) -> SearchOutcome {
     }
 }
 
+/// All that the line through these pairs explains (by profile, as they are); none where it gives one of them another latch.
+pub fn about(trains: &Trains, found: &[Option<usize>]) -> Option<Vec<Option<usize>>> {
+    let by_place: Vec<Option<usize>> = trains.order.iter().map(|&profile| found[profile]).collect();
+    let line = trains.line(&by_place, (0.0, 0.0));
+    let mut search = Search::new(trains, 0, u64::MAX);
+    search.take(line.0, line.1);
+    let mut whole = vec![None; trains.profiles()];
+    for (place, latch) in search.best?.pairing.iter().enumerate() {
+        whole[trains.order[place]] = *latch;
+    }
+    let kept = found.iter().zip(&whole);
+    kept.into_iter()
+        .all(|(found, whole)| found.is_none() || found == whole)
+        .then_some(whole)
+}
+
 /// Finds the only best pairing among the drifts that the trains allow, and the line through it.
 fn search_within(trains: &Trains, most_steps: u64) -> (SearchOutcome, (f64, f64)) {
     let mut search = Search::new(trains, 0, most_steps);

@@ -106,6 +106,20 @@ impl Trains {
         }
     }
 
+    /// The same with another jitter.
+    pub(super) fn of_jitter(&self, jitter_us: f64) -> Self {
+        Self {
+            jitter_us,
+            ..self.clone()
+        }
+    }
+
+    /// The least time between two neighbouring latches, in microseconds; none of fewer than two.
+    pub(super) fn closest_us(&self) -> Option<f64> {
+        let apart = self.board.windows(2).map(|pair| pair[1] - pair[0]);
+        apart.reduce(f64::min)
+    }
+
     /// How many profiles a shift must explain: half of the shorter stream.
     pub(super) fn need(&self) -> usize {
         self.shorter.div_ceil(2).max(1)

@@ -4,7 +4,6 @@ pub(in crate::cmd) mod answer;
 mod calibrate;
 mod cloud;
 mod demo;
-mod demo_workpiece;
 mod machine;
 mod path;
 mod place;

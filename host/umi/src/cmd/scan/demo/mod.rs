@@ -1,6 +1,10 @@
 //! `umi scan demo`
 
+mod spread;
+mod workpiece;
+
 use std::fmt::Write as _;
+use std::path::PathBuf;
 
 use clap::Args;
 use serde::Serialize;
@@ -9,13 +13,17 @@ use umi_experiment::scan::edge;
 use umi_experiment::scan::mount::calibrate;
 use umi_experiment::scan::station::TableMachine;
 use umi_experiment::scan::washer::{self, TRUE_MM, WasherTest};
+use umi_report::pages::scan::FigureTable;
+use umi_report::pages::tables::{TablesPage, html};
 use umi_virtual::scene::LineScannerSpec;
 
 use super::super::Format;
 use super::answer::mount_failure;
 use crate::failure::Failure;
+use crate::output::Force;
 use crate::show::progress::Progress;
-use crate::show::terminal::{BAD, GOOD, Table, count, paint, print, print_json};
+use crate::show::terminal::{BAD, GOOD, Plain, paint, print, print_as_json};
+use spread::{Spread, in_words, named};
 
 /// Published scans again on a virtual machine: a washer, a ball, and what time does to both
 #[derive(Args)]
@@ -31,6 +39,11 @@ pub(crate) struct Demo {
     /// The thesis' workpiece instead: cut in five clampings, scanned in three ways
     #[arg(long)]
     workpiece: bool,
+    /// A page with all tables; of the workpiece also its scan by the board on maps and in a view that turns
+    #[arg(long, value_name = "PAGE.html")]
+    report: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
     #[command(flatten)]
     pub format: Format,
 }
@@ -40,20 +53,27 @@ The machine tilts and turns its table (A, C); the sensor's mount is 1.3 degrees 
 what the machine file says, and is calibrated on one ball and 30 profiles first. Every scan goes
 the whole way: trigger pulses, the sensor's data channel byte for byte, latches, pairing, merging.
 
-washer  that of Paludo's work (41.20, 19.75, 6.30 mm) in its three tests, tables 11 to 16. The
-        sensor has that work's field and range, noise of 10 um, speckle of 5 um, mixed samples at
-        a fifth of the edges, and a washer that mirrors.
+washer  that of Paludo's work (41.20, 19.75, 6.30 mm) in its three tests: tables 11, 13 and 15 (results) and
+        12, 14 and 16 (errors) with its figures beside ours. The sensor has that work's field and range, noise
+        of 10 um, speckle of 5 um, mixed samples at a fifth of the edges, and a washer that mirrors.
 ball    25.4 mm at 5 um noise; the thesis of Sawula is off by 68.4 um in its figure 6.6.
 speed   where the edge of a block is when it is scanned at 2.5 to 500 mm/s, both ways: with the
         board, and with positions that are 55 ms old, as the timer of that thesis' program makes them.
+        Nothing is random in it.
 
 With --workpiece instead: the workpiece of `umi demo` (tool paths 0.541 mm apart, as printed), scanned
-as in the thesis' sections 5.1 and 6.5 at 2.5 mm/s, a profile each 0.127 mm: tables 5.1, 6.2, 6.3
-beside ours, once with positions read by its software loop (up to 55 ms old) and once by the board.
+as in the thesis' sections 5.1 and 6.5 at 2.5 mm/s, a profile each 0.127 mm, once with positions read by its
+software loop (up to 55 ms old) and once by the board. Its figures stand beside ours in
+table 5.1  averages above and below, and standard deviation, by the Roland-like scanner
+table 6.1  the Gocator's data sheet, and what the virtual one is made with
+table 6.2  what scales, delay and scanner add, each alone, and in total
+table 6.3  averages and standard deviation by the Gocator, and the fit of figure 6.8 (13 um)
+
+Every figure is told over the seeds: mean, standard deviation of the seeds, worst (--json: `spread`).
 
 Examples:
   umi scan demo
-  umi scan demo --workpiece
+  umi scan demo --workpiece --report workpiece.html
   umi scan demo --runs 20 --seed 100 --json
 
 Exit status: 0 within 0.02 mm (diameters), 0.005 mm (height, ball) and 2 um (speed) for each
@@ -88,6 +108,11 @@ struct WasherRow {
     mean_error_mm: [f64; 3],
     largest_error_mm: [f64; 3],
     goal_mm: [f64; 3],
+    tables: [u32; 2],
+    /// As printed: diameters, height and their mean, in mm and in percent.
+    printed_errors: [[f64; 4]; 2],
+    /// Of outer and inner diameter and height, over the seeds.
+    spread: [Spread; 3],
 }
 
 #[derive(Serialize)]
@@ -97,6 +122,7 @@ struct BallRow {
     largest_error_mm: f64,
     thesis_error_mm: f64,
     goal_mm: f64,
+    spread: Spread,
 }
 
 #[derive(Serialize)]
@@ -138,14 +164,19 @@ impl Demo {
         let seeds: Vec<u64> = (0..u64::from(self.runs))
             .map(|n| self.seed.wrapping_add(n))
             .collect();
+        if let Some(path) = &self.report {
+            self.force.check(path, &[])?;
+        }
         if self.workpiece {
-            return super::demo_workpiece::run(&seeds, self.format.json);
+            return workpiece::run(&seeds, self.format.json, self.report.as_deref());
         }
         let shown = show(seeds, &Progress::new(self.format.json))?;
+        if let Some(path) = &self.report {
+            std::fs::write(path, html(&page(&shown)))
+                .map_err(|error| Failure::file("write", path, &error))?;
+        }
         if self.format.json {
-            let value = serde_json::to_value(&shown)
-                .map_err(|error| Failure::trouble("json", format_args!("no JSON: {error}")))?;
-            print_json(&value)?;
+            print_as_json(&shown)?;
         } else {
             print(&text(&shown))?;
         }
@@ -163,9 +194,8 @@ fn show(seeds: Vec<u64>, progress: &Progress) -> Result<Shown, Failure> {
         washer_sensor().ok_or_else(missing)?,
         ball_sensor().ok_or_else(missing)?,
     );
-    let mut washers = [[[0.0; 3]; 2]; 3];
-    let mut ball_sum = 0.0;
-    let mut ball_most: f64 = 0.0;
+    let mut washers: [Vec<[f64; 3]>; 3] = Default::default();
+    let mut balls = Vec::new();
     let mut mount = MountRow {
         u_mm: None,
         u_mrad: None,
@@ -177,20 +207,16 @@ fn show(seeds: Vec<u64>, progress: &Progress) -> Result<Shown, Failure> {
     for seed in &seeds {
         let mut station = TableMachine::new(of_washer.clone(), *seed);
         let mounted = calibrate(&mut station).map_err(mount_failure)?;
-        for (test, [sums, most]) in WasherTest::ALL.into_iter().zip(&mut washers) {
-            let found = washer::run(&mut station, &mounted.machine, test).map_err(mount_failure)?;
-            for (((sum, most), found), truth) in sums.iter_mut().zip(most).zip(found).zip(TRUE_MM) {
-                *sum += found;
-                *most = most.max((found - truth).abs());
-            }
+        for (test, found) in WasherTest::ALL.into_iter().zip(&mut washers) {
+            let measured = washer::run(&mut station, &mounted.machine, test);
+            found.push(measured.map_err(mount_failure)?);
             progress.more(1);
         }
         let mut station = TableMachine::new(of_ball.clone(), *seed);
         let mounted = calibrate(&mut station).map_err(mount_failure)?;
         let found = ball::diameter(&mut station, &mounted.machine).map_err(mount_failure)?;
         progress.more(1);
-        ball_sum += found;
-        ball_most = ball_most.max((found - DIAMETER_MM).abs());
+        balls.push(found);
         mount.largest_error_mm = mount.largest_error_mm.max(mounted.off.0);
         mount.largest_error_mrad = mount.largest_error_mrad.max(mounted.off.1);
         if let Some(covariance) = mounted.answer.covariance {
@@ -207,21 +233,30 @@ fn show(seeds: Vec<u64>, progress: &Progress) -> Result<Shown, Failure> {
     }
     progress.stage("edges at six speeds");
     let speed = speeds(of_ball)?;
-    let n = seeds.len() as f64;
+    let balls = Spread::of(&balls, DIAMETER_MM);
+    let ball_most = (balls.worst - DIAMETER_MM).abs();
     let washer: Vec<WasherRow> = WasherTest::ALL
         .into_iter()
         .zip(washers)
-        .map(|(test, [sums, most])| {
-            let mean = sums.map(|sum| sum / n);
+        .map(|(test, found)| {
+            let spread: [Spread; 3] = std::array::from_fn(|i| {
+                let of: Vec<f64> = found.iter().map(|three| three[i]).collect();
+                Spread::of(&of, TRUE_MM[i])
+            });
             let less = |values: [f64; 3]| std::array::from_fn(|i| values[i] - TRUE_MM[i]);
+            let mean = spread.map(|of| of.mean);
+            let off: [f64; 3] = less(spread.map(|of| of.worst));
             WasherRow {
                 test: test.name(),
                 printed_mm: test.printed_mm(),
                 printed_error_mm: less(test.printed_mm()),
                 mean_mm: mean,
                 mean_error_mm: less(mean),
-                largest_error_mm: most,
+                largest_error_mm: off.map(f64::abs),
                 goal_mm: GOALS_MM,
+                tables: test.tables(),
+                printed_errors: test.printed_errors(),
+                spread,
             }
         })
         .collect();
@@ -239,10 +274,11 @@ fn show(seeds: Vec<u64>, progress: &Progress) -> Result<Shown, Failure> {
         washer,
         ball: BallRow {
             true_mm: DIAMETER_MM,
-            mean_mm: ball_sum / n,
+            mean_mm: balls.mean,
             largest_error_mm: ball_most,
             thesis_error_mm: THESIS_OFF_MM,
             goal_mm: BALL_GOAL_MM,
+            spread: balls,
         },
         mount,
         speed,
@@ -284,83 +320,164 @@ fn signed(mm: f64) -> String {
     }
 }
 
-fn text(shown: &Shown) -> String {
-    let mut text = String::new();
-    // Writing to a string cannot fail.
-    let mut line = |arguments: std::fmt::Arguments<'_>| {
-        let _ = text.write_fmt(arguments);
-        text.push('\n');
-    };
-    let [outer, inner, height] = shown.true_mm;
-    line(format_args!(
-        "Washer {outer:.2} / {inner:.2} / {height:.2} mm: outer and inner diameter, height; {} from {}",
-        count(shown.seeds.len() as u64, "seed"),
-        shown.seeds.first().copied().unwrap_or(0)
-    ));
-    let mut table =
-        Table::new("<<>>>").titles(&["scan", "", "outer, mm", "inner, mm", "height, mm"]);
+/// What is measured of a washer.
+const FEATURES: [&str; 3] = ["outer diameter", "inner diameter", "height"];
+
+/// Tables 11 to 16, as terminal and page show them.
+fn washer_tables(shown: &Shown) -> Vec<FigureTable> {
+    let seeds = named(&shown.seeds);
+    let mut all = Vec::new();
     for row in &shown.washer {
-        let cells = |name: &str, what: &str, values: &[f64; 3], digits: usize, sign: bool| {
-            let mut cells = vec![name.to_owned(), what.to_owned()];
-            cells.extend(values.iter().map(|value| {
-                if sign {
-                    format!("{value:+.digits$}")
-                } else {
-                    format!("{value:.digits$}")
-                }
-            }));
-            cells
+        let [results, errors] = row.tables;
+        let of = |i: usize| {
+            let [mean, std, worst] = row.spread[i].cells(|mm| format!("{mm:.4}"));
+            vec![
+                FEATURES[i].to_owned(),
+                format!("{:.2}", shown.true_mm[i]),
+                format!("{:.2}", row.printed_mm[i]),
+                mean,
+                std,
+                worst,
+            ]
         };
-        table.row(cells(row.test, "printed", &row.printed_mm, 2, false));
-        table.row(cells("", "printed, off", &row.printed_error_mm, 2, true));
-        table.row(cells("", "here, mean", &row.mean_mm, 4, false));
-        table.row(cells("", "here, mean off", &row.mean_error_mm, 4, true));
-        table.row(cells(
-            "",
-            "here, largest off",
-            &row.largest_error_mm,
-            4,
-            false,
-        ));
+        all.push(FigureTable {
+            caption: format!("Table {results}: results, {}, in mm ({seeds})", row.test),
+            heads: vec!["", "true", "printed", "here, mean", "std", "worst"],
+            rows: (0..3).map(of).collect(),
+        });
+        let percent = |off: f64, i: usize| 100.0 * off.abs() / shown.true_mm[i];
+        let mean = |of: &dyn Fn(usize) -> f64| (0..3).map(of).sum::<f64>() / 3.0;
+        let [printed_mm, printed_percent] = row.printed_errors;
+        let figures = |name: &str, at: usize, of: &dyn Fn(&dyn Fn(usize) -> f64) -> f64| {
+            let anew = |i: usize| row.printed_error_mm[i];
+            let here = |i: usize| row.mean_error_mm[i];
+            let worst = |i: usize| row.largest_error_mm[i];
+            vec![
+                name.to_owned(),
+                format!("{:.2}", printed_mm[at]),
+                match at {
+                    3 => format!("{:.2}", of(&|i| anew(i).abs())),
+                    _ => format!("{:+.2}", of(&anew)),
+                },
+                match at {
+                    3 => format!("{:.4}", of(&|i| here(i).abs())),
+                    _ => format!("{:+.4}", Plain(of(&here))),
+                },
+                format!("{:.4}", of(&worst)),
+                format!("{:.2}", printed_percent[at]),
+                format!("{:.2}", of(&|i| percent(anew(i), i))),
+                format!("{:.3}", of(&|i| percent(here(i), i))),
+                format!("{:.3}", of(&|i| percent(worst(i), i))),
+            ]
+        };
+        let mut rows: Vec<Vec<String>> = (0..3)
+            .map(|i| figures(FEATURES[i], i, &|of| of(i)))
+            .collect();
+        rows.push(figures("mean", 3, &|of| mean(of)));
+        all.push(FigureTable {
+            caption: format!(
+                "Table {errors}: errors, {}, in mm and in percent. Anew: from the printed results",
+                row.test
+            ),
+            heads: vec![
+                "",
+                "mm, printed",
+                "printed, off",
+                "here, mean off",
+                "here, worst",
+                "%, printed",
+                "anew",
+                "here, mean",
+                "here, worst",
+            ],
+            rows,
+        });
     }
-    line(format_args!("{table}"));
-    let (ball, mount) = (&shown.ball, &shown.mount);
-    line(format_args!(
-        "Ball of {} mm: {:.4} mm on the mean, off by {:.4} mm at most; the thesis by {} mm",
-        ball.true_mm, ball.mean_mm, ball.largest_error_mm, ball.thesis_error_mm
-    ));
+    all
+}
+
+/// Where the edge was.
+fn speed_table(shown: &Shown) -> FigureTable {
+    let row = |row: &SpeedRow| {
+        vec![
+            format!("{:+}", row.speed_mm_per_s),
+            signed(row.with_board_mm),
+            signed(row.with_timer_mm),
+        ]
+    };
+    FigureTable {
+        caption: "Where the edge of a block is along X at several speeds, WITHOUT noise: what is left is time".into(),
+        heads: vec!["mm/s", "with the board, mm", "with a timer, mm"],
+        rows: shown.speed.iter().map(row).collect(),
+    }
+}
+
+fn ball_words(shown: &Shown) -> String {
+    let ball = &shown.ball;
+    let [mean, std, worst] = ball.spread.cells(|mm| format!("{mm:.4}"));
+    format!(
+        "Ball of {} mm: {mean} mm on the mean, standard deviation {std}, worst {worst}, off by {:.4} mm at most; the thesis by {} mm",
+        ball.true_mm, ball.largest_error_mm, ball.thesis_error_mm
+    )
+}
+
+fn mount_words(shown: &Shown) -> String {
+    let mount = &shown.mount;
     let u = |value: Option<f64>, digits: usize| match value {
         Some(value) if value > 0.0 => format!("{value:.digits$}"),
         _ => "NONE (no noise)".into(),
     };
-    line(format_args!(
-        "Mount from one ball and 30 profiles: u {} mm, {} mrad; off by {:.4} mm, {:.3} mrad at most\n",
+    format!(
+        "Mount from one ball and 30 profiles: u {} mm, {} mrad; off by {:.4} mm, {:.3} mrad at most",
         u(mount.u_mm, 4),
         u(mount.u_mrad, 3),
         mount.largest_error_mm,
         mount.largest_error_mrad
-    ));
-    line(format_args!(
-        "Where the edge of a block is along X at several speeds, WITHOUT noise: what is left is time"
-    ));
-    let mut table = Table::new(">>>").titles(&["mm/s", "with the board, mm", "with a timer, mm"]);
-    for row in &shown.speed {
-        table.row(vec![
-            format!("{:+}", row.speed_mm_per_s),
-            signed(row.with_board_mm),
-            signed(row.with_timer_mm),
-        ]);
-    }
-    line(format_args!("{table}"));
-    text + &if shown.ok {
-        paint(
-            GOOD,
-            "within the goals: 0.02, 0.02, 0.005 mm; ball 0.005 mm; speed 0.002 mm",
-        )
+    )
+}
+
+fn verdict(shown: &Shown) -> &'static str {
+    if shown.ok {
+        "within the goals: 0.02, 0.02, 0.005 mm; ball 0.005 mm; speed 0.002 mm"
     } else {
-        paint(
-            BAD,
-            "NOT within the goals: 0.02, 0.02, 0.005 mm; ball 0.005 mm; speed 0.002 mm",
-        )
-    } + "\n"
+        "NOT within the goals: 0.02, 0.02, 0.005 mm; ball 0.005 mm; speed 0.002 mm"
+    }
+}
+
+fn page(shown: &Shown) -> TablesPage {
+    let mut tables = washer_tables(shown);
+    tables.push(speed_table(shown));
+    TablesPage {
+        title: "Published scans again".into(),
+        result: verdict(shown).into(),
+        ok: shown.ok,
+        facts: vec![
+            ("seeds", named(&shown.seeds)),
+            ("ball", ball_words(shown)),
+            ("mount", mount_words(shown)),
+        ],
+        tables,
+    }
+}
+
+fn text(shown: &Shown) -> String {
+    let [outer, inner, height] = shown.true_mm;
+    let mut text = format!(
+        "Washer {outer:.2} / {inner:.2} / {height:.2} mm: outer and inner diameter, height; {}\n\n",
+        named(&shown.seeds)
+    );
+    for table in washer_tables(shown) {
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "{}", in_words(&table));
+    }
+    let colour = if shown.ok { GOOD } else { BAD };
+    let _ = writeln!(
+        text,
+        "{}\n{}\n\n{}\n{}",
+        ball_words(shown),
+        mount_words(shown),
+        in_words(&speed_table(shown)),
+        paint(colour, verdict(shown))
+    );
+    text
 }
