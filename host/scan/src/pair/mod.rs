@@ -26,6 +26,8 @@ mod margin;
 mod narrower;
 mod search;
 #[cfg(test)]
+mod short;
+#[cfg(test)]
 mod simulated;
 mod skips;
 mod streams;

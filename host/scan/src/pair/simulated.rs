@@ -8,7 +8,7 @@ use crate::profile::Stamp;
 use crate::profile::frames::FrameCounter;
 
 /// A small generator of its own (SplitMix64), so that the scans stay the same for ever.
-struct Random(u64);
+pub(super) struct Random(pub u64);
 
 impl Random {
     fn next(&mut self) -> u64 {
@@ -20,15 +20,15 @@ impl Random {
     }
 
     /// In 0..1.
-    fn unit(&mut self) -> f64 {
+    pub fn unit(&mut self) -> f64 {
         (self.next() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    fn below(&mut self, n: u64) -> u64 {
+    pub fn below(&mut self, n: u64) -> u64 {
         self.next() % n
     }
 
-    fn chance(&mut self, p: f64) -> bool {
+    pub fn chance(&mut self, p: f64) -> bool {
         self.unit() < p
     }
 }
@@ -53,7 +53,7 @@ enum Rhythm {
 }
 
 /// Intervals of a signature, as parts of the train's.
-const SIGNATURE: [f64; 24] = [
+pub(super) const SIGNATURE: [f64; 24] = [
     1.7, 1.7, 1.7, 1.437, 1.1, 1.1, 1.1, 2.36, 2.3, 2.3, 2.3, 1.466, 1.3, 1.3, 1.3, 1.96, 1.9, 1.9,
     1.9, 1.74, 1.4, 1.4, 1.4, 2.91,
 ];
@@ -174,7 +174,7 @@ fn scan(random: &mut Random) -> Scan {
     }
 }
 
-fn latch(number: u64, t_us: f64, counts: f64) -> TriggerLatch {
+pub(super) fn latch(number: u64, t_us: f64, counts: f64) -> TriggerLatch {
     TriggerLatch {
         number,
         t_ns: (t_us * 1e3).round() as i64,
