@@ -81,9 +81,9 @@ fn the_spread_over_seeds_is_that_of_the_runs() {
             } else {
                 b
             };
-            assert_eq!(spread("worst"), worst);
+            assert!((spread("worst") - worst).abs() < 1e-12);
             let largest = row["largest_error_mm"][i].as_f64().unwrap();
-            assert_eq!(largest, (worst - truth).abs());
+            assert!((largest - (worst - truth).abs()).abs() < 1e-12);
         }
     }
     assert!(one["ball"]["spread"]["std"].is_null(), "{one}");
@@ -169,5 +169,6 @@ fn the_workpiece_is_scanned_in_three_ways() {
     ] {
         assert!(html.contains(shown), "{shown}");
     }
-    assert!(!html.contains("NaN") && !html.contains("src="));
+    // Points stand there in base 64: any three letters may.
+    assert!(!html.contains(">NaN") && !html.contains("src=\""));
 }

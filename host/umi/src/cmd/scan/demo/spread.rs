@@ -52,7 +52,7 @@ pub(super) fn named(seeds: &[u64]) -> String {
     }
 }
 
-/// A table for a terminal: two columns of words, then figures.
+/// A table for a terminal: a column of names, then figures.
 pub(super) fn in_words(table: &FigureTable) -> String {
     let columns = table.heads.len();
     let alignment: String = (0..columns)
@@ -64,7 +64,7 @@ pub(super) fn in_words(table: &FigureTable) -> String {
     }
     let mut text = String::new();
     // Writing to a string cannot fail.
-    let _ = writeln!(text, "{}\n\n{words}", table.caption);
+    let _ = write!(text, "{}\n\n{words}", table.caption);
     text
 }
 

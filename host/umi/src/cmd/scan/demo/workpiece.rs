@@ -354,10 +354,14 @@ fn tables(shown: &Shown) -> Vec<FigureTable> {
             let of = &row.spread;
             let [above, below] = [of.mean_above_mm, of.mean_below_mm].map(|s| s.cells(signed));
             let [std, reference] = [of.std_mm, of.reference_std_mm].map(|s| s.cells(plain));
-            for (i, what) in ["here, mean", "here, std of seeds", "here, worst"]
-                .into_iter()
-                .enumerate()
-            {
+            // Of one seed there is no spread.
+            let several = row.spread.std_mm.std.is_some();
+            let kinds = if several {
+                &["here, mean", "here, std of seeds", "here, worst"][..]
+            } else {
+                &["here"]
+            };
+            for (i, what) in kinds.iter().enumerate() {
                 rows.push(cells(
                     what,
                     [&above, &below, &std, &reference].map(|three| three[i].clone()),

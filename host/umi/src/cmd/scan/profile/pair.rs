@@ -27,11 +27,15 @@ pub(crate) struct Pair {
 
 const HELP: &str = "\
 The clocks of sensor and board may differ by any offset and a small drift. The right
-pairing is that of the shift that explains most profiles; a tie is refused, never guessed. Where
+pairing is that of the shift that explains most profiles; a tie is never guessed. Where
 profiles and latches are both left over, a shift is a tie, too, if chance (1 in 10^9) or runs of
 losses that the board told could have put it behind. A shift that drifts by more than --drift-ppm
 is refused, and the drift that was seen is named.
 Lost, repeated and extra profiles, lost triggers and missed latches are named and counted.
+
+A tie is decided where one shift alone explains as many within a narrower jitter, by more than chance (1 in
+10^6), and a warning says so (`jitter`). Where that is not enough the refusal says which --jitter-us leaves one
+shift alone, or how close the triggers come.
 
 The sensor's frame counter sorts out what came twice and counts what is lost. It pairs nothing:
 nobody knows to which pulse its first frame belongs. Without a clock that can be used (it stands, or
