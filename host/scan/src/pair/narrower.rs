@@ -7,14 +7,17 @@
 //! are fewer than `n²`. So the search is made again with narrower jitters. Where one shift alone is left that explains as
 //! many as within the whole jitter, and chance is below [`CHANCE`], it is the right one.
 //!
-//! A train that repeats is met by a wrong shift as closely as by the right one, whose sensor has the same noise: then the
-//! narrower searches end in the same tie, by their own rules, and nothing is decided.
+//! A train that repeats is met by a wrong shift about as closely as by the right one, whose sensor has the same noise. Where
+//! that noise is as large as the narrower jitter, a pair of the right shift may lie just beyond it, and none of the wrong
+//! one. So nothing is decided unless one shift is alone with twice the narrower jitter, too, and the train does not repeat
+//! with that ([`super::even`]).
 
+use super::even::even_train;
 use super::search::{self, SearchOutcome};
 use super::trains::Trains;
 
 /// Shares of the jitter that are tried.
-const SHARES: [f64; 9] = [0.5, 0.35, 0.25, 0.18, 0.125, 0.09, 0.0625, 0.044, 0.031];
+const SHARES: [f64; 7] = [0.25, 0.18, 0.125, 0.09, 0.0625, 0.044, 0.031];
 /// What is narrower says nothing: a sensor's clock has steps.
 const LEAST_US: f64 = 0.5;
 /// The logarithm of the probability that a wrong shift is taken: 1e-6.
@@ -51,6 +54,15 @@ pub(super) fn narrower(trains: &Trains, explained: usize) -> Narrower {
         let SearchOutcome::Only(found) = search::search_in(&narrow, MOST_STEPS) else {
             continue;
         };
+        let twice = trains.of_jitter(2.0 * jitter_us);
+        let SearchOutcome::Only(wider) = search::search_in(&twice, MOST_STEPS) else {
+            continue;
+        };
+        let mut both = found.iter().zip(&wider);
+        let agree = both.all(|(found, wider)| found.is_none() || found == wider);
+        if !agree || even_train(&twice, &wider, "").is_some() {
+            continue;
+        }
         let count = found.iter().flatten().count();
         if count < explained {
             continue;
