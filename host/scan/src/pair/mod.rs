@@ -2,9 +2,9 @@
 //!
 //! The clocks of sensor and board differ by an unknown offset and an unknown small drift.
 //! The right pairing is that of the shift of the clocks that explains more profiles than
-//! any other (`search`); a tie is refused unless a narrower jitter decides it (`narrower`), and so is what explains less than half of the
-//! shorter stream, or drifts by more than allowed. The sensor's frame counter sorts out duplicates before, and where the
-//! sensor counts an axis too, encoder less counts must be the same for all pairs.
+//! any other (`search`); a tie is refused unless a narrower jitter decides it (`narrower`), and so is what explains less
+//! than half of the shorter stream, or drifts by more than allowed. The sensor's frame counter sorts out duplicates before,
+//! and where the sensor counts an axis too, encoder less counts must be the same for all pairs.
 //!
 //! It never pairs by order: a lost trigger, latch or profile shifts nothing.
 //!
