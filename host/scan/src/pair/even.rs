@@ -30,8 +30,8 @@ pub(super) fn even_train(trains: &Trains, found: &[Option<usize>], advice: &str)
         .filter_map(|(place, &profile)| Some((place, (*found.get(profile)?)?)))
         .collect();
     let n = paired.len();
-    // One interval in common may be chance, however many are beside it.
-    if n > 0 && n <= 2 {
+    // One interval in common may be chance, however many are beside it; so may two, where latches are missing besides.
+    if n > 0 && n <= 2 || n == 3 && trains.missed > 0 {
         return Some(few_pairs(trains, n, advice));
     }
     if n == 0 {
@@ -74,7 +74,7 @@ pub(super) fn even_train(trains: &Trains, found: &[Option<usize>], advice: &str)
     ))
 }
 
-/// The warning for one or two pairs.
+/// The warning for one pair or two, or three of which others are missing.
 fn few_pairs(trains: &Trains, pairs: usize, advice: &str) -> String {
     let (profiles, latches) = (trains.sensor.len(), trains.board.len());
     let few = match (pairs, profiles.max(latches)) {
@@ -84,6 +84,10 @@ fn few_pairs(trains: &Trains, pairs: usize, advice: &str) -> String {
         (1, _) => format!("one pair of {profiles} profiles and {latches} latches belongs together: one moment has no rhythm"),
         (_, 2) => "two profiles and two latches belong together: the clocks have no common beginning, and so few have no rhythm"
             .to_owned(),
+        (3, _) => format!(
+            "three pairs of {profiles} profiles and {latches} latches belong together, and the board missed others: two \
+             intervals that agree may be chance"
+        ),
         _ => format!(
             "two pairs of {profiles} profiles and {latches} latches belong together: one interval that agrees may be chance"
         ),
