@@ -2,7 +2,9 @@
 //!
 //! The points are cut into patches of equally many, each of one place and one direction. The mean of a patch's residuals
 //! shows what its points share, however many they are: errors over one millimetre in a dense cloud, and errors over the whole
-//! part below the noise. The means are taken for normal with the covariance a (1 + λ K): a patch's own part, and what
+//! part below the noise. Where a point lies is its foot on the model: a cut across a face that divided points by their own
+//! noise would put those in front of the face into one patch and those behind it into another, and their means would show
+//! as large an error as the noise itself. The means are taken for normal with the covariance a (1 + λ K): a patch's own part, and what
 //! patches share. Several K are tried: errors that fall with the distance, from less than a patch on, and errors of faces
 //! as a whole, as views have that are not registered well.
 //!
@@ -21,6 +23,8 @@ use crate::rigid::Vec3;
 /// Patches at most, and points that one needs.
 const PATCHES: usize = 256;
 const LEAST: usize = 4;
+/// Places are told apart to this share of the points' radius: what the rounding of numbers leaves of the noise is less.
+const APART: f64 = 1e-6;
 /// What a difference of directions counts beside one of places, over the points' radius, where patches are cut.
 const TURNED: f64 = 3.0;
 /// Lengths that are tried: the first over the extent of the points, each next one so many times as long.
@@ -165,10 +169,9 @@ pub(in crate::localise) fn shared<const N: usize>(
     let mut samples: Vec<Sample<N>> = on_part
         .iter()
         .map(|&i| {
-            let (p, n) = (
-                (points[i] - points[on_part[0]]) / arm,
-                TURNED * direction(i),
-            );
+            let foot = points[i] - direction(i) * residual(i);
+            let p = ((foot - points[on_part[0]]) / arm).map(|x| (x / APART).round() * APART);
+            let n = TURNED * direction(i);
             Sample {
                 at: [p.x, p.y, p.z, n.x, n.y, n.z],
                 residual: residual(i),
@@ -266,4 +269,45 @@ fn tridiagonal(matrix: &DMatrix<f64>, first: &DVector<f64>) -> (Vec<f64>, Vec<f6
 fn without(whole: &DMatrix<f64>, rows: &DMatrix<f64>, taken: &DMatrix<f64>) -> DMatrix<f64> {
     let once = whole - taken * (rows.transpose() * whole);
     &once - (&once * rows) * taken.transpose()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::localise::tests::Random;
+
+    /// Two steps of one direction, of a bar of 76 mm: the widest cut goes through one of them, along its normal. White noise
+    /// is no error that neighbours share, then either. Cut by where the points are measured, the patches' means would have 20 to
+    /// 30 times the noise's square.
+    #[test]
+    fn no_cut_divides_the_points_of_a_face_by_their_own_noise() {
+        let mut random = Random(61);
+        let mut of_scan = |_: usize| {
+            let (u, v) = (random.next(), random.next());
+            let (foot, normal) = match (random.next() * 10.0) as usize {
+                0..3 => (Vec3::new(76.0 * u, 15.0 * v, 0.0), Vec3::z()),
+                3..5 => (Vec3::new(76.0 * u, 15.0 + 10.0 * v, -14.0), Vec3::z()),
+                5..9 => (Vec3::new(76.0 * u, 0.0, -40.0 * v), -Vec3::y()),
+                _ => (Vec3::new(0.0, 25.0 * u, -40.0 * v), -Vec3::x()),
+            };
+            (foot, normal, 0.15 * random.vector().x)
+        };
+        let all: Vec<(Vec3, Vec3, f64)> = (0..60_000).map(&mut of_scan).collect();
+        let points: Vec<Vec3> = all.iter().map(|(foot, n, off)| foot + n * *off).collect();
+        let on_part: Vec<usize> = (0..all.len()).collect();
+        let sigma2 = all.iter().map(|one| one.2 * one.2).sum::<f64>() / all.len() as f64;
+        let row = |i: usize| {
+            let (n, turn) = (all[i].1, points[i].cross(&all[i].1) / 40.0);
+            SVector::from([-turn.x, -turn.y, -turn.z, -n.x, -n.y, -n.z])
+        };
+        let by = |faces: bool| {
+            let (left, direction) = (|i: usize| all[i].2, |i: usize| all[i].1);
+            shared::<6>(&points, &on_part, sigma2, &left, &direction, &row, faces).trace()
+        };
+        let squares = |i: &usize| row(*i).norm_squared();
+        let own = sigma2 * on_part.iter().map(squares).sum::<f64>();
+        for faces in [false, true] {
+            assert!(by(faces).abs() < 0.4 * own, "{} {own}", by(faces));
+        }
+    }
 }
