@@ -1,4 +1,4 @@
-//! The firmware's checks in the background.
+//! The firmware's checks, and other commands, in the background.
 //!
 //! Each runs as a child process. Its output is buffered, so it never mixes with ours.
 
@@ -56,7 +56,8 @@ impl Background {
         Self::begin(workspace, &mut command, TASK, failure)
     }
 
-    fn begin(
+    /// Begins a command, whose output is kept under this name.
+    pub fn begin(
         workspace: &Workspace,
         command: &mut Command,
         name: &str,

@@ -1,6 +1,8 @@
 //! `test`: everything that must hold, in one command, the quick and telling things first.
 
 use std::cell::RefCell;
+use std::collections::BTreeSet;
+use std::process::Command;
 use std::time::Instant;
 
 use anyhow::{Result, bail, ensure};
@@ -259,14 +261,10 @@ fn firmware(run: &Run<'_>) -> Result<Outcome> {
 
 fn tests(run: &Run<'_>) -> Result<Outcome> {
     let mut missing = Vec::new();
+    let mut background = None;
     // All failures in one run: CI is slow to ask again.
     let mut command = run.workspace.cargo();
     command.args(TESTS).arg("--no-fail-fast");
-    if std::env::var_os("RUST_TEST_THREADS").is_none() {
-        // Many tests wait for a board or a tool rather than compute.
-        let processors = std::thread::available_parallelism().map_or(1, |count| count.get());
-        command.env("RUST_TEST_THREADS", (2 * processors).to_string());
-    }
     let without = if run.arguments.quick {
         Some("--quick".to_owned())
     } else if toolchain::installed(run.workspace).is_none() {
@@ -295,7 +293,28 @@ fn tests(run: &Run<'_>) -> Result<Outcome> {
             .arg("test")
             .current_dir(emulators::folder(run.workspace));
         execute(&mut npm)?;
+        let mut boards = run.workspace.cargo();
+        boards.args(TESTS).args(["--test", BOARDS]);
+        boards.envs(
+            command
+                .get_envs()
+                .filter_map(|(name, value)| Some((name, value?))),
+        );
+        // An emulator computes all the time.
+        threads(&mut boards, processors());
+        background = Some(Background::begin(
+            run.workspace,
+            &mut boards,
+            BOARDS,
+            "a board does not hold what it promises",
+        )?);
+        command.args(["--lib", "--bins"]);
+        for name in targets_but_boards(run.workspace)? {
+            command.args(["--test", &name]);
+        }
     }
+    // Many tests wait for a board or a tool rather than compute.
+    threads(&mut command, 2 * processors());
     match browser::find() {
         Some(browser) => {
             command.env("UMI_BROWSER", browser);
@@ -306,7 +325,12 @@ fn tests(run: &Run<'_>) -> Result<Outcome> {
             missing.push(why.to_owned());
         }
     }
-    execute(&mut command)?;
+    let others = execute(&mut command);
+    if let Some(boards) = background {
+        boards.end()?;
+        execute(run.workspace.cargo().args(TESTS).arg("--doc"))?;
+    }
+    others?;
     if !referee::is_there(run.workspace) {
         missing.push("LinuxCNC's interpreter has judged nothing".to_owned());
     }
@@ -321,6 +345,39 @@ fn tests(run: &Run<'_>) -> Result<Outcome> {
         }
     }
     Ok(passed_without(&missing))
+}
+
+/// The tests of emulated boards. They run beside all others, as at the end of either one processor has nothing to do.
+const BOARDS: &str = "boards";
+
+fn processors() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+/// So many tests at a time, unless the user says how many.
+fn threads(command: &mut Command, count: usize) {
+    if std::env::var_os("RUST_TEST_THREADS").is_none() {
+        command.env("RUST_TEST_THREADS", count.to_string());
+    }
+}
+
+/// The workspace's files of tests, but for the boards'.
+fn targets_but_boards(workspace: &Workspace) -> Result<BTreeSet<String>> {
+    let members = workspace.members(&workspace.root.join("Cargo.toml"))?;
+    let packages = members["packages"].as_array();
+    let targets = packages
+        .into_iter()
+        .flatten()
+        .filter_map(|of| of["targets"].as_array());
+    let tests = targets.flatten().filter(|of| of["kind"][0] == "test");
+    let names: BTreeSet<String> = tests
+        .filter_map(|of| Some(of["name"].as_str()?.to_owned()))
+        .collect();
+    ensure!(
+        names.contains(BOARDS),
+        "cargo metadata names no tests `{BOARDS}`"
+    );
+    Ok(names.into_iter().filter(|name| name != BOARDS).collect())
 }
 
 /// The images as the other compiler builds them. Nobody must have two.
