@@ -122,7 +122,7 @@ pub struct PartScans {
     /// What table 6.2 reckons with.
     pub shares: Vec<ErrorShare>,
     /// The board's scan: points in the part's frame and their deviations from the arc as it lies best on case 0.
-    pub board: Vec<([f64; 3], f64)>,
+    pub board: Vec<DeviationAt>,
 }
 
 /// The figures of a scan, mm.
@@ -296,12 +296,15 @@ fn stops(station: &TableMachine, step_mm: f64) -> Vec<Stop> {
         .collect()
 }
 
+/// A point, mm, and its deviation, mm.
+pub type DeviationAt = ([f64; 3], f64);
+
 fn one(
     scanner: PartScanner,
     target: &CutSurface,
     passes: &Passes,
     seed: u64,
-) -> Result<(PartFigures, Vec<([f64; 3], f64)>), MountError> {
+) -> Result<(PartFigures, Vec<DeviationAt>), MountError> {
     let (name, step_mm) = match scanner {
         PartScanner::Roland => ("roland", 1.0),
         PartScanner::Board | PartScanner::Loop => ("gocator", STEP_MM),
@@ -379,7 +382,7 @@ fn figures(
     target: &CutSurface,
     passes: &Passes,
     step_mm: f64,
-) -> Result<(PartFigures, Vec<([f64; 3], f64)>), MountError> {
+) -> Result<(PartFigures, Vec<DeviationAt>), MountError> {
     let [left, right] = crate::thesis::part::MEASURED_X_MM;
     let placed = place(recording, machine)?;
     let points: Vec<Vector3<f64>> = on_part(&placed).collect();

@@ -320,6 +320,9 @@ fn signed(mm: f64) -> String {
     }
 }
 
+/// One figure of those of the three features: of one of them, or the mean.
+type Reduced<'a> = &'a dyn Fn(&dyn Fn(usize) -> f64) -> f64;
+
 /// What is measured of a washer.
 const FEATURES: [&str; 3] = ["outer diameter", "inner diameter", "height"];
 
@@ -348,7 +351,7 @@ fn washer_tables(shown: &Shown) -> Vec<FigureTable> {
         let percent = |off: f64, i: usize| 100.0 * off.abs() / shown.true_mm[i];
         let mean = |of: &dyn Fn(usize) -> f64| (0..3).map(of).sum::<f64>() / 3.0;
         let [printed_mm, printed_percent] = row.printed_errors;
-        let figures = |name: &str, at: usize, of: &dyn Fn(&dyn Fn(usize) -> f64) -> f64| {
+        let figures = |name: &str, at: usize, of: Reduced<'_>| {
             let anew = |i: usize| row.printed_error_mm[i];
             let here = |i: usize| row.mean_error_mm[i];
             let worst = |i: usize| row.largest_error_mm[i];
