@@ -26,8 +26,6 @@ mod margin;
 mod narrower;
 mod search;
 #[cfg(test)]
-mod short;
-#[cfg(test)]
 mod simulated;
 mod skips;
 mod streams;

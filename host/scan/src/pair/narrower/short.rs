@@ -1,9 +1,9 @@
 //! Short scans with many faults, whose triggers come close beside the jitter: what narrower times decide is decided, and
 //! nothing is paired wrongly without a word.
 
-use super::simulated::{Random, SIGNATURE, latch};
-use super::{PairOptions, pair};
 use crate::format::triggers::{LatchSignal, Triggers};
+use crate::pair::simulated::{Random, SIGNATURE, latch};
+use crate::pair::{Pair, PairOptions, pair};
 use crate::profile::Stamp;
 
 struct Short {
@@ -87,7 +87,7 @@ fn count(scans: u64) -> [[u32; 3]; 3] {
             let told = |what: &str| found.warnings.iter().any(|told| told.starts_with(what));
             let by_jitter = told("jitter: ");
             *decided += u32::from(by_jitter);
-            let is_wrong = |pair: &super::Pair| !scan.truth.contains(&(pair.profile, pair.number));
+            let is_wrong = |pair: &Pair| !scan.truth.contains(&(pair.profile, pair.number));
             let wrong = found.pairs.iter().any(is_wrong);
             // What a narrower jitter decides is right, whatever else is told.
             assert!(!(wrong && by_jitter), "{:?} {:?}", found.pairs, scan.truth);

@@ -12,6 +12,9 @@
 //! one. So nothing is decided unless one shift is alone with twice the narrower jitter, too, and the train does not repeat
 //! with that ([`super::even`]).
 
+#[cfg(test)]
+mod short;
+
 use super::even::even_train;
 use super::search::{self, SearchOutcome};
 use super::trains::Trains;
