@@ -11,6 +11,8 @@
 use super::search::widest_window;
 use super::trains::Trains;
 
+/// So few pairs may be chance, where profiles are left over.
+const FEW: usize = 7;
 /// The most shifts that are tried are half of the pairs, and these.
 const MOST_SHIFTS: usize = 20_000;
 /// What a look does not rule out is matched whole, in so many steps over times for all of them.
@@ -30,8 +32,9 @@ pub(super) fn even_train(trains: &Trains, found: &[Option<usize>], advice: &str)
         .filter_map(|(place, &profile)| Some((place, (*found.get(profile)?)?)))
         .collect();
     let n = paired.len();
-    // One interval in common may be chance, however many are beside it; so may two, where latches are missing besides.
-    if n > 0 && n <= 2 || n == 3 && trains.missed > 0 {
+    // Two intervals in common may be chance, however many are beside them; so may some more, where not all profiles have
+    // their latch: then some were lost, and a table that was cut off does not say how many.
+    if n > 0 && (n <= 3 || n <= FEW && n < trains.profiles()) {
         return Some(few_pairs(trains, n, advice));
     }
     if n == 0 {
@@ -74,7 +77,7 @@ pub(super) fn even_train(trains: &Trains, found: &[Option<usize>], advice: &str)
     ))
 }
 
-/// The warning for one pair or two, or three of which others are missing.
+/// The warning for pairs that are too few.
 fn few_pairs(trains: &Trains, pairs: usize, advice: &str) -> String {
     let (profiles, latches) = (trains.sensor.len(), trains.board.len());
     let few = match (pairs, profiles.max(latches)) {
@@ -84,12 +87,15 @@ fn few_pairs(trains: &Trains, pairs: usize, advice: &str) -> String {
         (1, _) => format!("one pair of {profiles} profiles and {latches} latches belongs together: one moment has no rhythm"),
         (_, 2) => "two profiles and two latches belong together: the clocks have no common beginning, and so few have no rhythm"
             .to_owned(),
+        (2, _) => format!(
+            "two pairs of {profiles} profiles and {latches} latches belong together: one interval that agrees may be chance"
+        ),
         (3, _) => format!(
-            "three pairs of {profiles} profiles and {latches} latches belong together, and the board missed others: two \
-             intervals that agree may be chance"
+            "three pairs of {profiles} profiles and {latches} latches belong together: two intervals that agree may be chance"
         ),
         _ => format!(
-            "two pairs of {profiles} profiles and {latches} latches belong together: one interval that agrees may be chance"
+            "{pairs} pairs of {profiles} profiles and {latches} latches belong together, and profiles are left over: so few \
+             intervals that agree may be chance"
         ),
     };
     format!("even_train: nothing tells that {few}. Scan more profiles than that, and {advice}")
@@ -274,9 +280,9 @@ mod tests {
         assert_eq!(said(0, |i| 10 * i, Some(|i| 1000 * i + 7 * i * i)), None);
     }
 
-    /// One or two pairs are told, whatever is beside them: of the intervals of uneven latches some other may be as long.
+    /// Few pairs are told, whatever is beside them: of the intervals of uneven latches some other may be as long.
     #[test]
-    fn one_or_two_pairs_tell_nothing() {
+    fn few_pairs_tell_nothing() {
         let told = |sensor_us: &[f64], board_us: &[i64], found: &[Option<usize>]| {
             let board: Vec<i64> = board_us.iter().map(|us| us * 1000).collect();
             let trains = Trains::new(sensor_us, &board, None, 20.0, 200.0, 8, (0, Vec::new()));
@@ -301,13 +307,17 @@ mod tests {
         let more = [500.0, 900.0, 7000.0, 9400.0];
         let of_four = told(&more, &uneven, &[Some(0), Some(1), None, None]);
         assert!(of_four.is_some_and(|text| text.contains("may be chance")));
-        // Three that are uneven have a rhythm.
-        let three = told(
-            &[500.0, 900.0, 1800.0],
-            &uneven,
-            &[Some(0), Some(1), Some(2)],
-        );
-        assert_eq!(three, None);
+        // Two intervals are told, too.
+        let all = [Some(0), Some(1), Some(2)];
+        let three = told(&[500.0, 900.0, 1800.0], &uneven, &all);
+        assert!(three.is_some_and(|text| text.contains("two intervals")));
+        // Four that are uneven have a rhythm, unless a profile is left over.
+        let uneven = [700, 1100, 2000, 3700];
+        let all = [Some(0), Some(1), Some(2), Some(3), None];
+        let sensor = [500.0, 900.0, 1800.0, 3500.0, 9000.0];
+        assert_eq!(told(&sensor[..4], &uneven, &all[..4]), None);
+        let over = told(&sensor, &uneven, &all);
+        assert!(over.is_some_and(|text| text.contains("left over")));
     }
 
     /// Some of the first frames and as many of the last latches are lost of a train whose intervals (µs) are not quite

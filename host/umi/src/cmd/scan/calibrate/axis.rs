@@ -46,7 +46,8 @@ worst, and `cov_direction_poses`, `cov_point_poses` say how uncertain the axis i
 
 With --machine and --axis the answer says how the axis lies beside the file's, and -o writes the file
 with `direction` and `point_mm` of that joint as they were found, all else as it is. An axis that lies
-10 degrees or more from the file's, or turns the other way, is another one: refused. A mount that was
+10 degrees or more from the file's, turns the other way, or lies at another joint is another one: refused;
+one more than 5 mm off is warned of. What is uncertain by more than 1 mrad or 1 mm is not written. A mount that was
 calibrated while the axis lay elsewhere has that error in it: calibrate the sensor again with the new file.
 
 Examples:
@@ -58,7 +59,7 @@ Examples:
   umi scan calibrate axis centres.csv --json | jq .point_mm
 
 Refused (status 2): too_few_points, unidentifiable, degenerate, not_finite, angle_unit, no_convergence,
-machine, missing_axis, other_axis.";
+machine, missing_axis, other_axis, uncertain.";
 
 /// The axis, how it lies beside the machine file's, and what it came from.
 #[derive(Serialize)]
@@ -88,10 +89,19 @@ impl Axis {
     fn make(&self) -> Result<Shown, ScanError> {
         let all = read(TableReader::open(&self.centres)?)?;
         let of = self.machine.as_deref().zip(self.axis.as_deref());
-        let joint = of.map(|(path, name)| machine::rotary(&machine::read(path)?, name).cloned());
+        let chain = of.map(|(path, _)| machine::read(path)).transpose()?;
+        let joint = of.zip(chain.as_ref());
+        let joint = joint
+            .map(|((_, name), chain)| Ok::<_, ScanError>((machine::rotary(chain, name)?, chain)));
         let joint = joint.transpose()?;
-        let found = axis(&all.centres)?;
-        let beside_file = joint.map(|joint| found.beside(&joint)).transpose()?;
+        let mut found = axis(&all.centres)?;
+        let beside_file = joint.map(|(joint, chain)| found.beside(joint, &chain.joints));
+        let beside_file = beside_file.transpose()?;
+        let far = beside_file.as_ref().and_then(|beside| found.far(beside));
+        found.warnings.extend(far);
+        if self.written.output.is_some() {
+            found.refuse_uncertain()?;
+        }
         self.written.write(
             || csv(&found, &all),
             || page(&found, &all, beside_file.as_ref()),
