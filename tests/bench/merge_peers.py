@@ -11,18 +11,16 @@ tests/bench/CLOUD.md: medians of seconds of the clock and of the processors, and
 and ends with an error where they are not the same floats.
 """
 
-import json
 import os
 import statistics
 import struct
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
-TOP = Path(__file__).resolve().parents[2]
-UMI = os.environ.get("UMI", str(TOP / "target/release/umi"))
+from cloud_peers import UMI, run
+
 WIDTH, ROUNDS, SEED = 1280, 5, 14
 X_NM, Z_NM = 60_000, 2_500
 STEP_MM, HEIGHT_MM = 0.0125, -140.0
@@ -101,20 +99,6 @@ def make(folder, profiles):
             rows.append(f"latch,{number},output,{t_us * 1000},12345,{y},{round(HEIGHT_MM * 1e4)},0,0,0,,,,0")
     (folder / "scan.csv").write_text("\n".join(rows) + "\n")
     (folder / "machine.toml").write_text(MACHINE)
-
-
-def run(command):
-    """What it printed, seconds of the clock and of processors, and its most memory in MB."""
-    begin = time.perf_counter()
-    with tempfile.TemporaryFile("w+") as text:
-        child = subprocess.Popen(command, stdout=text)
-        _, status, used = os.wait4(child.pid, 0)
-        clock = time.perf_counter() - begin
-        text.seek(0)
-        told = text.read()
-    if status:
-        raise SystemExit(f"{command[:4]} ended with {status}")
-    return json.loads(told), clock, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
 
 
 def floats(path):

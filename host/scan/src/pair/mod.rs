@@ -378,7 +378,9 @@ fn no_match(streams: &Streams<'_>, reach: &Reach) -> ScanError {
     }
 }
 
-/// That profiles were left out by their numbers, and what to do.
+/// Triggers that are closer than so many jitters are met by chance.
+const NEAR: f64 = 8.0;
+
 /// What a narrower jitter may do for a tie, in words behind other advice; nothing where it can do nothing.
 fn by_jitter(less: &Narrower, trains: &trains::Trains, jitter_us: f64) -> String {
     let close = trains.closest_us().filter(|us| *us < NEAR * jitter_us);
@@ -394,9 +396,7 @@ fn by_jitter(less: &Narrower, trains: &trains::Trains, jitter_us: f64) -> String
     }
 }
 
-/// Triggers that are closer than so many jitters are met by chance.
-const NEAR: f64 = 8.0;
-
+/// That profiles were left out by their numbers, and what to do.
 fn left_out(frames: &Frames) -> String {
     if frames.renumbered.is_empty() {
         return String::new();

@@ -175,17 +175,23 @@ impl Demo {
             std::fs::write(path, html(&page(&shown)))
                 .map_err(|error| Failure::file("write", path, &error))?;
         }
-        if self.format.json {
-            print_as_json(&shown)?;
-        } else {
-            print(&text(&shown))?;
-        }
-        if shown.ok {
-            Ok(())
-        } else {
-            Err(Failure::Negative)
-        }
+        said(self.format.json, &shown, text, shown.ok)
     }
+}
+
+/// Prints what was found, for machines or in words; a failure where a goal was not met.
+fn said<T: Serialize>(
+    json: bool,
+    shown: &T,
+    text: impl FnOnce(&T) -> String,
+    ok: bool,
+) -> Result<(), Failure> {
+    if json {
+        print_as_json(shown)?;
+    } else {
+        print(&text(shown))?;
+    }
+    if ok { Ok(()) } else { Err(Failure::Negative) }
 }
 
 fn show(seeds: Vec<u64>, progress: &Progress) -> Result<Shown, Failure> {

@@ -15,7 +15,7 @@ use super::super::cloud::spread;
 use super::spread::{Spread, in_words, named};
 use crate::failure::Failure;
 use crate::show::progress::Progress;
-use crate::show::terminal::{BAD, GOOD, Plain, paint, print, print_as_json};
+use crate::show::terminal::{BAD, GOOD, Plain, paint};
 
 /// What table 6.2 allows a scan to add.
 const GOAL_MM: f64 = 0.015;
@@ -130,16 +130,7 @@ pub(super) fn run(seeds: &[u64], json: bool, page: Option<&Path>) -> Result<(), 
         std::fs::write(path, html(&made(&shown, &first.board)))
             .map_err(|error| Failure::file("write", path, &error))?;
     }
-    if json {
-        print_as_json(&shown)?;
-    } else {
-        print(&text(&shown))?;
-    }
-    if shown.ok {
-        Ok(())
-    } else {
-        Err(Failure::Negative)
-    }
+    super::said(json, &shown, text, shown.ok)
 }
 
 fn of(all: &[PartScans], scanner: PartScanner) -> Vec<PartFigures> {
