@@ -39,6 +39,17 @@ pub struct Observations {
     pub points: Vec<Observation>,
 }
 
+impl Observations {
+    /// What a profile is called; its place, where it has no name.
+    pub(super) fn profile_name(&self, place: usize) -> String {
+        let name = self.profiles.get(place);
+        format!(
+            "profile {}",
+            name.map_or_else(|| place.to_string(), Clone::clone)
+        )
+    }
+}
+
 /// Reads `profile,feature,x_mm,z_mm`, and for each profile the joints' positions.
 ///
 /// # Errors

@@ -6,6 +6,7 @@ mod few_planes;
 mod mirror;
 mod misfit;
 mod open;
+mod stray;
 
 use nalgebra::{Matrix3, Vector3};
 use umi_kinematics::{AxisChain, Pose};

@@ -90,11 +90,15 @@ impl AxisAnswer {
         from.cross(&Vector3::from(self.direction)).norm()
     }
 
-    /// Refuses an axis that is too uncertain to go into a machine file, which has no room for that.
+    /// Refuses an axis that is too uncertain to go into a machine file, which has no room for that, or one of centres of
+    /// which one lies off all others.
     ///
     /// # Errors
-    /// `uncertain`, and what to measure.
-    pub fn refuse_uncertain(&self) -> Result<(), ScanError> {
+    /// `outlier`, and which centre; `uncertain`, and what to measure.
+    pub fn refuse_doubtful(&self) -> Result<(), ScanError> {
+        if let Some(outlier) = &self.outlier {
+            return Err(ScanError::refused("outlier", outlier.words()));
+        }
         let largest = |of: &Option<[[f64; 3]; 3]>| {
             of.map(|rows| (0..3).fold(0.0, |most: f64, i| most.max(rows[i][i])).sqrt())
         };
@@ -190,7 +194,7 @@ mod tests {
     #[test]
     fn an_uncertain_axis_goes_into_no_file() {
         let error = about(0.0, &[0.0, 1.0, 2.0, 3.0, 4.0])
-            .refuse_uncertain()
+            .refuse_doubtful()
             .unwrap_err();
         assert!(
             error.code == "uncertain" && error.message.contains("all around"),
@@ -198,7 +202,7 @@ mod tests {
         );
         assert!(
             about(0.0, &[0.0, 72.0, 144.0, 216.0, 288.0])
-                .refuse_uncertain()
+                .refuse_doubtful()
                 .is_ok()
         );
     }

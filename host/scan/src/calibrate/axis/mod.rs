@@ -4,6 +4,7 @@
 //! (direction `u`, point `a`) and each ball's place `b` at angle 0.
 
 mod beside;
+mod outlier;
 
 use std::io::BufRead;
 
@@ -12,6 +13,7 @@ use serde::Serialize;
 use umi_kinematics::Pose;
 
 pub use beside::AxisMove;
+pub use outlier::AxisOutlier;
 
 use crate::ScanError;
 use crate::calibrate::misfit::{self, Grouping, Misfit, PoseScatter, Suspects};
@@ -57,6 +59,9 @@ pub struct AxisAnswer {
     /// has one centre alone.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub misfit: Option<Misfit>,
+    /// The centre that lies off all others.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub outlier: Option<AxisOutlier>,
     /// Covariance of `direction` by the scatter of the angles; only where they disagree.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cov_direction_poses: Option<[[f64; 3]; 3]>,
@@ -257,12 +262,18 @@ pub fn axis(centres: &[TurnedCentre]) -> Result<AxisAnswer, ScanError> {
         .with("free", solution.unseen.len())
         .with("unobservable", unobservable));
     }
+    let outlier = outlier::outlier(&solution.model);
     if !solution.converged || solution.sigma_mm() > MOST_NOISE_MM {
+        let look = outlier.map_or_else(
+            || {
+                "Look at the angles' unit, at their sign from centre to centre, and at the balls' names".to_owned()
+            },
+            |outlier| outlier.words(),
+        );
         return Err(ScanError::refused(
             "no_convergence",
             format_args!(
-                "no axis brings the centres together: the best leaves {:.2} mm. Look at the angles' unit, at their sign from \
-                 centre to centre, and at the balls' names",
+                "no axis brings the centres together: the best leaves {:.2} mm. {look}",
                 solution.sigma_mm()
             ),
         ));
@@ -306,8 +317,14 @@ pub fn axis(centres: &[TurnedCentre]) -> Result<AxisAnswer, ScanError> {
         warnings: apart
             .map(|misfit| format!("misfit: {}", misfit.words()))
             .into_iter()
+            .chain(
+                outlier
+                    .iter()
+                    .map(|outlier| format!("outlier: {}", outlier.words())),
+            )
             .collect(),
         misfit,
+        outlier,
         direction: u.into(),
         point_mm: foot.into(),
         n: centres.len(),

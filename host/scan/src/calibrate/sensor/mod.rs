@@ -8,6 +8,7 @@ mod distance;
 mod lines;
 mod mirror;
 mod model;
+mod outlier;
 mod refusals;
 mod rivals;
 mod sides;
@@ -29,6 +30,7 @@ use super::solve::scatter::{scatter_covariance, unit_uncertainty};
 use super::solve::{Model, solve};
 use crate::ScanError;
 use model::MountModel;
+pub use outlier::SampleOutlier;
 use refusals::{
     REACH_MM, farther_than_asked, few_lines, radius_wanted, refuse_apart, refuse_far,
     refuse_few_profiles, refuse_uncertain, refuse_unseen, refused,
@@ -89,6 +91,9 @@ pub struct SensorAnswer {
     pub dof_poses: Option<f64>,
     /// Whether the poses agree with one another; none where too little is left to say so.
     pub misfit: Option<Misfit>,
+    /// The sample that lies off all others.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub outlier: Option<SampleOutlier>,
     /// Of the balls.
     pub radius_mm: Option<f64>,
     /// What was seen, in the workpiece's frame.
@@ -263,6 +268,10 @@ fn mount(
     let is_radius_told = !warnings.is_empty();
     warnings.extend(farther_than_asked(&model.mount, start));
     warnings.extend(few_lines(model));
+    let outlier = outlier::outlier(model);
+    let stray = outlier
+        .as_ref()
+        .map(|outlier| format!("outlier: {}", outlier.words()));
     if let Some(misfit) = poses.misfit.as_ref().filter(|found| found.stands_out()) {
         // A radius that is wrong makes poses disagree, too, and is told by its own name.
         // What too few poses are off by says nothing of what the mount is off by.
@@ -272,10 +281,14 @@ fn mount(
             if !is_told {
                 error.message += ". There are too few poses to say how wrong: take more";
             }
+            if let Some(stray) = &stray {
+                error.message += &format!("; {stray}");
+            }
             return Err(error);
         }
         warnings.push(format!("misfit: {}", misfit.words()));
     }
+    warnings.extend(stray);
     Ok(SensorAnswer {
         rotation: model.mount.rows(),
         translation_mm: model.mount.translation_mm.into(),
@@ -289,6 +302,7 @@ fn mount(
         covariance_poses,
         dof_poses: poses.covariance.map(|(_, dof)| dof),
         misfit: poses.misfit,
+        outlier,
         radius_mm: (options.on == Artefact::Sphere).then_some(model.radius_mm),
         features: features(model),
         bars,
@@ -309,13 +323,7 @@ fn poses(model: &MountModel<'_>, answered: &[[f64; 6]; 6]) -> PoseScatter {
         *groups.entry((seen.flange, seen.feature)).or_insert(next)
     });
     let group: Vec<usize> = group.collect();
-    let names = |pose: usize| {
-        let name = model.all.profiles.get(pose);
-        format!(
-            "profile {}",
-            name.map_or_else(|| pose.to_string(), Clone::clone)
-        )
-    };
+    let names = |pose: usize| model.all.profile_name(pose);
     let slips = &model.all.slips;
     let fill = |place: usize, column: &mut [f64]| {
         let seen = &points[place];

@@ -47,7 +47,8 @@ worst, and `cov_direction_poses`, `cov_point_poses` say how uncertain the axis i
 With --machine and --axis the answer says how the axis lies beside the file's, and -o writes the file
 with `direction` and `point_mm` of that joint as they were found, all else as it is. An axis that lies
 10 degrees or more from the file's, turns the other way, or lies at another joint is another one: refused;
-one more than 5 mm off is warned of. What is uncertain by more than 1 mrad or 1 mm is not written. A mount that was
+one more than 5 mm off is warned of. What is uncertain by more than 1 mrad or 1 mm is not written, nor what one centre
+contradicts (`outlier`: it lies off all others; where its angle alone may be wrong, theirs is told). A mount that was
 calibrated while the axis lay elsewhere has that error in it: calibrate the sensor again with the new file.
 
 Examples:
@@ -59,7 +60,7 @@ Examples:
   umi scan calibrate axis centres.csv --json | jq .point_mm
 
 Refused (status 2): too_few_points, unidentifiable, degenerate, not_finite, angle_unit, no_convergence,
-machine, missing_axis, other_axis, uncertain.";
+machine, missing_axis, other_axis, outlier, uncertain.";
 
 /// The axis, how it lies beside the machine file's, and what it came from.
 #[derive(Serialize)]
@@ -100,7 +101,7 @@ impl Axis {
         let far = beside_file.as_ref().and_then(|beside| found.far(beside));
         found.warnings.extend(far);
         if self.written.output.is_some() {
-            found.refuse_uncertain()?;
+            found.refuse_doubtful()?;
         }
         self.written.write(
             || csv(&found, &all),
