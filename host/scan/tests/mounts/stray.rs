@@ -37,7 +37,7 @@ fn a_wrong_angle_among_the_centres_is_named_with_the_right_one() {
             let words = match axis(&centres) {
                 Ok(found) => {
                     let outlier = found.outlier.as_ref().unwrap();
-                    assert_eq!(outlier.row, place + 1, "{balls} {angles} {wrong_deg}");
+                    assert_eq!(outlier.rows, [place + 1], "{balls} {angles} {wrong_deg}");
                     let by_others = outlier.angle_by_others_deg.unwrap();
                     assert!(
                         (by_others - right_deg).abs() < 0.015,
@@ -58,11 +58,41 @@ fn a_wrong_angle_among_the_centres_is_named_with_the_right_one() {
         let bent = centres.len() / 2;
         centres[bent].measured_mm += Vector3::new(0.1, 0.1, -0.1);
         let found = axis(&centres).unwrap().outlier.unwrap();
-        assert_eq!((found.row, found.angle_by_others_deg), (bent + 1, None));
+        assert_eq!(
+            (found.rows.clone(), found.angle_by_others_deg),
+            (vec![bent + 1], None)
+        );
         assert!(
             (found.off_mm - 0.1 * 3_f64.sqrt()).abs() < 0.02,
             "{found:?}"
         );
+    }
+}
+
+/// An angle at which several balls were measured is named for all of them: two balls at 120.05 degrees.
+#[test]
+fn an_angle_that_is_wrong_for_all_balls_is_named_once() {
+    let mut random = Random(8);
+    for balls in [2, 3, 4] {
+        for wrong_deg in [0.05, -0.2, 5.0] {
+            let mut centres = measured(balls, 6, 0.005, &mut random);
+            let wrong: Vec<usize> = (0..balls).map(|ball| 6 * ball + 2).collect();
+            for &place in &wrong {
+                centres[place].angle_deg += wrong_deg;
+            }
+            let words = match axis(&centres) {
+                Ok(found) => {
+                    let outlier = found.outlier.as_ref().unwrap();
+                    let rows: Vec<usize> = wrong.iter().map(|place| place + 1).collect();
+                    assert_eq!(outlier.rows, rows, "{balls} {wrong_deg}");
+                    let by_others = outlier.angle_by_others_deg.unwrap();
+                    assert!((by_others - 120.0).abs() < 0.015, "{by_others}");
+                    found.warnings.join("\n")
+                }
+                Err(error) => error.to_string(),
+            };
+            assert!(words.contains("rows 3, 9"), "{balls} {wrong_deg}: {words}");
+        }
     }
 }
 

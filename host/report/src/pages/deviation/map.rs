@@ -92,7 +92,8 @@ fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
 /// point's surface looks to this side.
 pub fn map(side: &PartSide, points: &[DeviationPoint], bands: &Bands) -> Option<SideMap> {
     let to_us = cross(side.right, side.up);
-    let faces = |p: &&DeviationPoint| dot(p.outward.map(f64::from), to_us) > LEANS;
+    let faces =
+        |p: &&DeviationPoint| p.outward == [0.0; 3] || dot(p.outward.map(f64::from), to_us) > LEANS;
     let flat = |p: &DeviationPoint| [dot(p.at_mm, side.right), dot(p.at_mm, side.up)];
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     let mut count = 0_usize;
@@ -230,5 +231,17 @@ mod tests {
         let below = map(&SIDES[5], &points, &bands).unwrap();
         assert_eq!(below.shown, 1);
         assert!(map(&SIDES[1], &points, &bands).is_none());
+    }
+    /// The ball of an axis' residual has no side: each map shows it.
+    #[test]
+    fn what_has_no_side_is_on_each() {
+        let bands = Bands {
+            low_mm: -0.1,
+            high_mm: 0.1,
+        };
+        let balls = [point([0.0, 0.0, 50.0], 0.5, [0.0; 3])];
+        for side in &SIDES {
+            assert_eq!(map(side, &balls, &bands).unwrap().shown, 1);
+        }
     }
 }

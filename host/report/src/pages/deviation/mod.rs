@@ -22,7 +22,7 @@ pub struct DeviationPoint {
     pub at_mm: [f64; 3],
     /// Its signed distance from the nominal in mm, positive outside.
     pub deviation_mm: f64,
-    /// The direction in which that grows, of length 1.
+    /// The direction in which that grows, of length 1; zero for what is seen from all sides, as a whole ball.
     pub outward: [f32; 3],
 }
 

@@ -41,7 +41,7 @@
       uniform float edges[8];
       void main() {
         vec3 at = turn * place;
-        vec3 facing = turn * normalize(outward);
+        vec3 facing = length(outward) > 0.0 ? turn * normalize(outward) : vec3(0.0, 0.0, 1.0);
         gl_Position = vec4((at.xy + shift) * fit, -at.z * 0.25, 1.0);
         // What looks away is behind the part's own surface.
         if (facing.z < -0.02) { gl_Position = vec4(2.0, 2.0, 2.0, 1.0); }

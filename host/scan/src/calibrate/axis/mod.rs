@@ -59,7 +59,7 @@ pub struct AxisAnswer {
     /// has one centre alone.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub misfit: Option<Misfit>,
-    /// The centre that lies off all others.
+    /// The centre that lies off all others, or all centres at an angle.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub outlier: Option<AxisOutlier>,
     /// Covariance of `direction` by the scatter of the angles; only where they disagree.
@@ -76,9 +76,7 @@ pub struct AxisAnswer {
 /// A residual of a centre, as the axis has it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisResidual {
-    /// Away from the axis there, of length 1; any direction across it for a centre on the axis.
-    pub outward: Vector3<f64>,
-    /// Measured less fitted, along `outward`.
+    /// Measured less fitted, away from the axis; along any direction across it for a centre on the axis.
     pub outward_mm: f64,
     /// The way that the centre goes where the angle grows.
     pub onward_mm: f64,
@@ -99,7 +97,6 @@ impl AxisAnswer {
             let outward = outward.unwrap_or_else(|| across(&u).0);
             let residual = Vector3::from(*residual);
             AxisResidual {
-                outward,
                 outward_mm: residual.dot(&outward),
                 onward_mm: residual.dot(&u.cross(&outward)),
                 axial_mm: residual.dot(&u),
@@ -340,16 +337,8 @@ pub fn axis(centres: &[TurnedCentre]) -> Result<AxisAnswer, ScanError> {
 
 /// Whether the angles agree: at each the balls are off together by something in x, y and z, or they are not.
 fn poses(model: &AxisModel<'_>) -> PoseScatter {
-    let mut angles: Vec<f64> = Vec::new();
-    let mut pose = Vec::with_capacity(model.residuals());
-    for centre in model.centres {
-        let place = angles.iter().position(|known| *known == centre.angle_deg);
-        let place = place.unwrap_or_else(|| {
-            angles.push(centre.angle_deg);
-            angles.len() - 1
-        });
-        pose.extend([place; 3]);
-    }
+    let (angles, at) = model.by_angle();
+    let pose: Vec<usize> = at.into_iter().flat_map(|place| [place; 3]).collect();
     let group: Vec<usize> = (pose.iter().zip(0..))
         .map(|(place, row)| 3 * place + row % 3)
         .collect();

@@ -6,17 +6,19 @@
 //! Regression, 1982, section 2.2; for several rows together section 3.6). As many were tried as there are
 //! (Bonferroni).
 
+use std::collections::HashMap;
+
 use nalgebra::{DMatrix, DVector};
 
 use super::{ALARM, ROUNDING_MM, TAKEN, beyond_f};
 use crate::calibrate::solve::Model;
 use crate::calibrate::solve::scatter::whiten;
 
-/// The observation that lies off the others.
+/// What lies off the others.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::calibrate) struct Stray {
-    /// Which, counted from 0.
-    pub place: usize,
+    /// Its number.
+    pub number: usize,
     /// What the others say less what it says, in mm, for each of its residuals.
     pub off_mm: DVector<f64>,
     /// Standard deviation of a residual of the others, in mm.
@@ -25,52 +27,72 @@ pub(in crate::calibrate) struct Stray {
     pub p: f64,
 }
 
-/// Looks for one among observations of `rows` residuals each, at the model's optimum. None where they belong together,
-/// or where leaving one out leaves nothing to hold it against.
-pub(in crate::calibrate) fn stray<M: Model>(model: &M, rows: usize) -> Option<Stray> {
+/// Which residuals belong to which observation, and how many it has.
+pub(in crate::calibrate) struct Observed<'a> {
+    /// The number of the observation, by the residual's place.
+    pub of: &'a dyn Fn(usize) -> usize,
+    /// How many residuals it has, by its number.
+    pub residuals: &'a dyn Fn(usize) -> usize,
+}
+
+/// Looks for an observation that lies off the others, at the model's optimum. None where they belong together, or where
+/// leaving one out leaves nothing to hold it against.
+pub(in crate::calibrate) fn stray<M: Model>(model: &M, observed: &Observed<'_>) -> Option<Stray> {
     let (nuisances, targets) = model.unknowns();
     let whiten = whiten(model);
-    let dof = model.residuals().checked_sub(whiten.nrows() + rows)?;
+    let dof = model.residuals().checked_sub(whiten.nrows())?;
     let mut line = DVector::zeros(nuisances + targets);
-    let mut own = DMatrix::zeros(whiten.nrows(), rows);
-    let mut residuals = DVector::zeros(rows);
-    let (mut ssq, mut place) = (0.0, 0);
-    let mut worst: Option<(f64, usize, DVector<f64>)> = None;
+    let mut begun: HashMap<usize, Vec<(f64, DVector<f64>)>> = HashMap::new();
+    let mut all: Vec<(f64, usize, DVector<f64>)> = Vec::new();
+    let (mut ssq, mut place, mut tried) = (0.0, 0, 0.0);
     model.rows(&mut |value, derivatives| {
         line.fill(0.0);
         derivatives(line.as_mut_slice());
-        own.set_column(place % rows, &(&whiten * &line));
-        residuals[place % rows] = value;
+        let number = (observed.of)(place);
+        let rows = begun.entry(number).or_default();
+        rows.push((value, &whiten * &line));
         ssq += value * value;
         place += 1;
-        if place % rows > 0 {
+        if rows.len() < (observed.residuals)(number) {
             return;
         }
-        let left = DMatrix::identity(rows, rows) - own.tr_mul(&own);
-        // One that alone decides an unknown cannot be off.
-        let Some(left) = left
-            .cholesky()
-            .filter(|of| of.l_dirty().diagonal().min() > TAKEN.sqrt())
-        else {
-            return;
-        };
-        let off = left.solve(&residuals);
-        let gain = residuals.dot(&off);
-        if worst.as_ref().is_none_or(|(most, ..)| gain > *most) {
-            worst = Some((gain, place / rows - 1, off));
+        tried += 1.0;
+        if let Some((gain, off)) = begun.remove(&number).and_then(|rows| left_out(&rows)) {
+            // The worst of each size: a gain by more residuals is less odd.
+            match all.iter_mut().find(|(.., known)| known.len() == off.len()) {
+                Some(worst) if worst.0 < gain => *worst = (gain, number, off),
+                Some(_) => {}
+                None => all.push((gain, number, off)),
+            }
         }
     });
-    let (gain, which, off_mm) = worst?;
-    // Rounding scatters by no law.
-    let others_mm = ((ssq - gain).max(0.0) / dof.max(1) as f64)
-        .sqrt()
-        .max(ROUNDING_MM);
-    let f = gain / rows as f64 / (others_mm * others_mm);
-    let p = beyond_f(f, rows as f64, dof as f64) * (place / rows) as f64;
-    (dof > 0 && p < ALARM).then_some(Stray {
-        place: which,
-        off_mm,
-        others_mm,
-        p,
-    })
+    let judged = all.into_iter().filter_map(|(gain, number, off_mm)| {
+        let rows = off_mm.len();
+        let dof = dof.checked_sub(rows).filter(|dof| *dof > 0)? as f64;
+        // Rounding scatters by no law.
+        let others_mm = ((ssq - gain).max(0.0) / dof).sqrt().max(ROUNDING_MM);
+        let f = gain / rows as f64 / (others_mm * others_mm);
+        Some(Stray {
+            number,
+            p: beyond_f(f, rows as f64, dof) * tried,
+            off_mm,
+            others_mm,
+        })
+    });
+    let worst = judged.min_by(|a, b| a.p.total_cmp(&b.p));
+    worst.filter(|worst| worst.p < ALARM)
+}
+
+/// What an observation takes from the sum of squares where it is left out, and what it is off by then. None where it
+/// alone decides an unknown, and cannot be off.
+fn left_out(rows: &[(f64, DVector<f64>)]) -> Option<(f64, DVector<f64>)> {
+    let own = DMatrix::from_columns(&rows.iter().map(|(_, row)| row.clone()).collect::<Vec<_>>());
+    let residuals = DVector::from_iterator(rows.len(), rows.iter().map(|(value, _)| *value));
+    let left = DMatrix::identity(rows.len(), rows.len()) - own.tr_mul(&own);
+    let left = left.cholesky()?;
+    if left.l_dirty().diagonal().min() < TAKEN.sqrt() {
+        return None;
+    }
+    let off = left.solve(&residuals);
+    Some((residuals.dot(&off), off))
 }

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::model::MountModel;
-use crate::calibrate::misfit::stray::stray;
+use crate::calibrate::misfit::stray::{Observed, stray};
 use crate::calibrate::solve::Model as _;
 
 /// Samples scatter by no one law: on flanks and far away by some times more. One is a stray beyond so many standard
@@ -39,12 +39,16 @@ impl SampleOutlier {
 
 /// Looks for one at the optimum.
 pub(super) fn outlier(model: &MountModel<'_>) -> Option<SampleOutlier> {
-    let found = stray(model, 1)?;
+    let each = Observed {
+        of: &|place| place,
+        residuals: &|_| 1,
+    };
+    let found = stray(model, &each)?;
     let off_mm = found.off_mm[0];
-    let seen = model.all.points.get(found.place)?;
+    let seen = model.all.points.get(found.number)?;
     let (mut n, mut squares, mut place) = (0_usize, 0.0, 0);
     model.rows(&mut |value, _| {
-        if place != found.place && model.all.points[place].flange == seen.flange {
+        if place != found.number && model.all.points[place].flange == seen.flange {
             n += 1;
             squares += value * value;
         }
@@ -52,7 +56,7 @@ pub(super) fn outlier(model: &MountModel<'_>) -> Option<SampleOutlier> {
     });
     let beside_mm = (squares / n.max(1) as f64).sqrt();
     (off_mm.abs() > MOST_SIGMAS * found.others_mm.max(beside_mm)).then(|| SampleOutlier {
-        row: found.place + 1,
+        row: found.number + 1,
         profile: model.all.profile_name(seen.flange),
         feature: model.all.features[seen.feature].clone(),
         off_mm,

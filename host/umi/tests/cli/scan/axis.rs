@@ -110,6 +110,30 @@ fn an_axis_of_another_joint_is_refused() {
     run(&["--machine", &machine]).exits(1);
 }
 
+/// An angle that was written down wrong in one row is named with the right one, and the axis goes into no file.
+#[test]
+fn a_wrong_angle_is_named_and_leaves_no_file() {
+    let folder = Folder::new();
+    let machine = preset(&folder);
+    let out = folder.path("out.toml");
+    let right = std::fs::read_to_string(project(CENTRES)).unwrap();
+    let (row, line) = (right.lines().enumerate().skip(1))
+        .find(|(_, line)| line.starts_with("45"))
+        .unwrap();
+    let wrong = right.replacen(line, &line.replacen("45", "46", 1), 1);
+    let centres = folder.file("centres.csv", wrong);
+    let found = umi(&["scan", "calibrate", "axis", &centres, "--json"])
+        .exits(0)
+        .json();
+    assert_eq!(found["outlier"]["rows"], serde_json::json!([row]));
+    let angle = found["outlier"]["angle_by_others_deg"].as_f64().unwrap();
+    assert!((angle - 45.0).abs() < 0.05, "{angle}");
+    let file = ["--machine", &machine, "--axis", "C", "-o", &out, "--json"];
+    let told = umi(&[&["scan", "calibrate", "axis", &centres][..], &file].concat());
+    assert_eq!(told.exits(2).json()["error"]["code"], "outlier");
+    assert!(!std::path::Path::new(&out).exists());
+}
+
 /// The residuals of the table have the answer's standard deviation, and each stands there by the axis as well; the page has
 /// them all.
 #[test]

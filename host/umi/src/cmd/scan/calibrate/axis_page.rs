@@ -33,7 +33,8 @@ pub(super) fn page(
     let points = (all.centres.iter().zip(&parts)).map(|(centre, part)| DeviationPoint {
         at_mm: centre.measured_mm.into(),
         deviation_mm: part.outward_mm,
-        outward: [0, 1, 2].map(|i| part.outward[i] as f32),
+        // A ball is seen from all sides, also along the axis.
+        outward: [0.0; 3],
     });
     let points: Vec<DeviationPoint> = points.collect();
     let most = |of: fn(&AxisResidual) -> f64| {

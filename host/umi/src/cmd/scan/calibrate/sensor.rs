@@ -97,6 +97,7 @@ direction or scale of an axis to bring them together, if one does. Where they di
 file gets `covariance_poses`, by the scatter of whole poses; it knows nothing of what is wrong in all
 of them alike. Refused are poses that scatter ten times as much as the samples within them, one that
 lies off so far, and a slip of an axis that moves the mount by more than five of its standard uncertainties.
+One sample that lies off all others, and off those of its profile, by eight standard deviations is named (`outlier`).
 
 Refused (status 2): unidentifiable, uncertain, too_few_points, not_finite, machine,
 missing_axis, missing_position, missing_centre, no_convergence, angle_unit, far_from_start,
