@@ -3,12 +3,13 @@
 //! * [`readings`], [`spheres`]: what was read, and of which balls.
 //! * [`calibration`]: where its zero stands and where its beam points.
 //! * [`cloud`]: readings to points.
-//! * [`plan`]: a set of places from which the calibration is well determined.
+//! * [`plan`]: a set of places from which the calibration is well determined; [`program`]: its NC program.
 
 pub mod calibration;
 pub mod cloud;
 mod doubts;
 pub mod plan;
+pub mod program;
 pub mod readings;
 mod scale;
 pub mod spheres;

@@ -4,8 +4,6 @@
 //! normals, which shows the offset; the stand-offs spread the readings, which shows the
 //! direction. What to expect is not guessed: the places go through the calibration itself.
 
-use std::fmt::Write as _;
-
 use serde::Serialize;
 use umi_core::point::{BallReading, CalibrationBall, PointQuestion, PointSensor, calibrate};
 use umi_core::units::{Mm, Point};
@@ -254,40 +252,4 @@ fn seen(
         gamma_mm: gamma,
         incidence_deg: cos.clamp(-1.0, 1.0).acos().to_degrees(),
     })
-}
-
-/// The program of a plan, Macro B, machine coordinates: it stands still at each place and
-/// prints where the axes are.
-#[must_use]
-pub fn program(question: &PlanQuestion, plan: &SensorPlan) -> String {
-    let mut text = String::from("%\nO8844(CALIBRATION OF A POINT SENSOR)\n");
-    let [x, y, z] = question.center_mm;
-    // Writing to a string cannot fail.
-    let _ = writeln!(
-        text,
-        "(BALL X{x:.3} Y{y:.3} Z{z:.3} R{:.3})",
-        question.radius_mm
-    );
-    let [x, y, z] = plan.u_point_mm;
-    let _ = writeln!(text, "(EXPECTED U OF A POINT {x:.5} {y:.5} {z:.5})");
-    text.push_str("G90 G21 G17 G40 G49 G80\n");
-    let _ = writeln!(text, "G53 G0 Z{:.3}", question.safe_z_mm);
-    text.push_str("POPEN\n");
-    for (number, place) in plan.places.iter().enumerate() {
-        let [x, y, z] = place.axes_mm;
-        if number == 0 {
-            let _ = writeln!(text, "G53 G0 X{x:.3} Y{y:.3}");
-        }
-        let _ = writeln!(text, "G53 G0 X{x:.3} Y{y:.3} Z{z:.3}");
-        let _ = writeln!(text, "G4 X0.5");
-        let _ = writeln!(
-            text,
-            "DPRNT[N{}*X#5021[43]*Y#5022[43]*Z#5023[43]]",
-            number + 1
-        );
-    }
-    text.push_str("PCLOS\n");
-    let _ = writeln!(text, "G53 G0 Z{:.3}", question.safe_z_mm);
-    text.push_str("M30\n%\n");
-    text
 }

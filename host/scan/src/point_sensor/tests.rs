@@ -5,6 +5,7 @@ use umi_core::point::PointQuestion;
 
 use super::calibration::{self, CalibrationQuestion, KnownSensor};
 use super::plan::{self, PlanQuestion};
+use super::program::{ProgramLanguage, program};
 use super::readings::{SensorReading, SensorReadings, from_table};
 use super::{cloud, spheres};
 use crate::format::table::TableReader;
@@ -162,8 +163,14 @@ fn a_plan_determines_what_it_promises() {
         ..question
     };
     assert!(plan::plan(&unsure).unwrap().u_point_mm[0] > 0.01);
-    let text = plan::program(&unsure, &plan);
-    assert_eq!(text.matches("DPRNT[").count(), 25);
+    for (language, says) in [
+        (ProgramLanguage::MacroB, "DPRNT[N"),
+        (ProgramLanguage::LinuxCnc, "(LOG,%.3f#<_abs_x>"),
+        (ProgramLanguage::Grbl, "M0\n"),
+    ] {
+        let text = program(&unsure, &plan, language);
+        assert_eq!(text.matches(says).count(), 25, "{language:?}");
+    }
 }
 
 #[test]

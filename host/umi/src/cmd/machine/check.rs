@@ -38,8 +38,9 @@ Examples:
   umi machine check --control linuxcnc probe.ngc
   umi machine check --scene examples/scenes/three-spheres.toml probe.nc --json";
 
+/// What a control reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Language {
+pub(crate) enum Language {
     /// Fanuc Custom Macro B
     Fanuc,
     /// Haas

@@ -1,6 +1,6 @@
 //! `umi machine`
 
-mod check;
+pub(crate) mod check;
 mod floor;
 pub mod run;
 mod show;

@@ -226,6 +226,7 @@ fn what_is_no_limit_is_refused() {
     assert_eq!(error["code"], "residual_too_large", "{error}");
 }
 
+/// Each control's program is read by that control.
 #[test]
 fn a_plan_is_written_with_what_to_expect() {
     let folder = Folder::new();
@@ -249,9 +250,17 @@ fn a_plan_is_written_with_what_to_expect() {
     ];
     let said = umi(&args).exits(0).json();
     assert_eq!(said["places"].as_array().unwrap().len(), 25);
-    assert!(
-        std::fs::read_to_string(&program)
-            .unwrap()
-            .contains("G53 G0")
-    );
+    for (control, says) in [
+        ("fanuc", "DPRNT["),
+        ("haas", "DPRNT["),
+        ("mitsubishi", "DPRNT["),
+        ("linuxcnc", "(LOG,%"),
+        ("grbl", "M0\n"),
+    ] {
+        let more = ["--control", control, "--force"];
+        umi(&[&args[..], &more].concat()).exits(0);
+        let text = std::fs::read_to_string(&program).unwrap();
+        assert_eq!(text.matches(says).count(), 25, "{control}");
+        umi(&["machine", "check", "--control", control, &program]).exits(0);
+    }
 }

@@ -7,9 +7,11 @@ use crate::failure::Failure;
 use crate::output::Force;
 use clap::Args;
 use umi_scan::ScanError;
-use umi_scan::point_sensor::plan::{PlanQuestion, SensorPlan, plan, program};
+use umi_scan::point_sensor::plan::{PlanQuestion, SensorPlan, plan};
+use umi_scan::point_sensor::program::{ProgramLanguage, program};
 
 use super::super::super::Format;
+use super::super::super::machine::check::Language;
 use super::super::answer::answer;
 use super::super::point::warned;
 use super::super::triple::{Triple, finite};
@@ -82,6 +84,9 @@ pub(crate) struct Plan {
         value_parser = finite
     )]
     safe_z: Option<f64>,
+    /// The control that reads a point sensor's program
+    #[arg(long, value_enum, default_value = "fanuc")]
+    control: Language,
     #[command(flatten)]
     line: LinePlan,
     /// Where the program goes, or a line scanner's positions (profile and the joints)
@@ -97,15 +102,18 @@ const HELP: &str = "\
 Examples:
   umi scan calibrate plan --point-sensor --ball 210,-98.6,-614.5 --radius-mm 10 \\
     --offset 3,-54,-138 --safe-z -300 -o calibrate.nc
+  umi scan calibrate plan --point-sensor --ball 210,-98.6,-614.5 --radius-mm 10 \\
+    --offset 3,-54,-138 --safe-z -300 --control linuxcnc -o calibrate.ngc
   umi scan calibrate plan --machine m.toml --at 40,25,30 --radius-mm 12.7 --swing A=-30..30 \\
     --swing C=-180..180 --noise-mm 0.005 -o poses.csv
   umi scan calibrate plan --machine m.toml --on plane --at 0,0,0 --normal 0.3,-0.2,1 \\
     --swing A=-30..30 --swing C=-180..180 -o poses.csv
 
-A point sensor's program is Custom Macro B, for Fanuc, Haas, Mitsubishi and Mazak (POPEN, DPRNT): LinuxCNC and
-GRBL do not read it. It halts at each place for half a second and prints its number and where the
-axes stand. Write the sensor's mean reading of that halt beside them, in mm: x,y,z,gamma, a line
-each, under a header. That is the READINGS.csv of umi scan calibrate point.
+A point sensor's program halts at each place for half a second and says where the axes stand: on Fanuc, Haas,
+Mitsubishi and Mazak by DPRNT, on LinuxCNC in the file umi-calibration.csv beside the interpreter. GRBL says
+nothing: there the program stops at each place (M0; go on by ~), and the place stands in a comment. Write the
+sensor's mean reading of each halt beside the place, in mm: x,y,z,gamma, a line each, under a header.
+That is the READINGS.csv of umi scan calibrate point.
 
 For a line scanner the poses go through the calibration itself: what they leave open is refused by
 name, with the number of free motions, and so is what would be uncertain at this noise.
@@ -150,7 +158,12 @@ impl Plan {
             safe_z_mm,
         };
         let plan = plan(&question)?;
-        std::fs::write(&self.output, program(&question, &plan))
+        let language = match self.control {
+            Language::Fanuc | Language::Haas | Language::Mitsubishi => ProgramLanguage::MacroB,
+            Language::Linuxcnc => ProgramLanguage::LinuxCnc,
+            Language::Grbl => ProgramLanguage::Grbl,
+        };
+        std::fs::write(&self.output, program(&question, &plan, language))
             .map_err(|error| ScanError::file("write", &self.output, &error))?;
         Ok(plan)
     }
