@@ -308,6 +308,21 @@ impl Nominal {
                  times as large"
             ));
         }
+        // Its place may be in millimetres all the same.
+        let sized = [(25.4, "inches"), (1000.0, "metres")].map(|(factor, unit)| {
+            let then_mm = self.with_sizes(factor)?.rms_mm(points, 1.0)?;
+            Some((then_mm, unit))
+        });
+        if let Some((then_mm, unit)) = sized
+            .into_iter()
+            .flatten()
+            .find(|(then_mm, _)| *then_mm < ON_IT * cloud_mm && 10.0 * then_mm < rms_mm)
+        {
+            return Some(format!(
+                "unit: the nominal's radius looks like {unit}: the cloud is {rms_mm:.3} mm (rms) from the nominal, and \
+                 {then_mm:.3} mm from one with such a radius"
+            ));
+        }
         // Sizes that agree tell of a mesh that lies elsewhere; a shape may have no end. A small cloud may be a part of it.
         if let Some(mesh_mm) = mesh_mm
             && rms_mm > 0.05 * cloud_mm.min(mesh_mm)
@@ -325,6 +340,29 @@ impl Nominal {
             }
         }
         elsewhere(points, rms_mm)
+    }
+
+    /// The same at its place with radii so many times as large; none where it has none.
+    fn with_sizes(&self, factor: f64) -> Option<Self> {
+        if self.mesh().is_some() {
+            return None;
+        }
+        let mut other = self.clone();
+        match &mut other {
+            Self::Cylinder { radius_mm, .. } | Self::Sphere { radius_mm, .. } => {
+                *radius_mm *= factor;
+            }
+            Self::Torus {
+                major_radius_mm,
+                minor_radius_mm,
+                ..
+            } => {
+                *major_radius_mm *= factor;
+                *minor_radius_mm *= factor;
+            }
+            Self::Plane { .. } | Self::Cone { .. } | Self::Mesh(_) => return None,
+        }
+        Some(other)
     }
 
     /// A cone that the cloud would lie on if its angle were in radians, where it does not as it stands.

@@ -6,8 +6,10 @@
 //! along the beam where it is known, and square to the line where it is not.
 
 use std::cell::RefCell;
+use std::collections::HashSet;
 
 use super::drops::Drops;
+use crate::ScanError;
 use crate::cloud::{CloudPoint, Points};
 use crate::rigid::Vec3;
 
@@ -61,13 +63,26 @@ impl ProfileLine {
     }
 }
 
+fn unordered(profile: u64) -> ScanError {
+    ScanError::refused(
+        "unordered",
+        format_args!(
+            "the points of profile {profile} do not follow each other along it, and spikes and edges are told by neighbours: sort the \
+             cloud by profile and index, filter before sampling, and clouds that were put together one by one"
+        ),
+    )
+}
+
 /// What of a direction is square to the beam.
 fn across(v: &Vec3, beam: &Vec3) -> Vec3 {
     v - beam * v.dot(beam)
 }
 
-/// The points without those that `judge` leaves out of their profile, for this reason. Points of a profile follow each other
-/// in the file; one profile is held at a time.
+/// The points without those that `judge` leaves out of their profile, for this reason. One profile is held at a time.
+///
+/// # Errors
+/// `unordered` where the points of a profile do not follow each other, in the order of their places along it: what is not
+/// beside its neighbours cannot be judged by them.
 pub(super) fn by_profile<'a>(
     points: Points<'a>,
     reason: &'static str,
@@ -79,6 +94,7 @@ pub(super) fn by_profile<'a>(
     let mut next: Option<CloudPoint> = None;
     let mut error = None;
     let mut profile: Vec<CloudPoint> = Vec::new();
+    let mut known: HashSet<u64> = HashSet::new();
     let mut out: std::vec::IntoIter<CloudPoint> = Vec::new().into_iter();
     Box::new(std::iter::from_fn(move || {
         loop {
@@ -106,8 +122,12 @@ pub(super) fn by_profile<'a>(
                     None => break,
                 }
             }
-            if profile.is_empty() {
+            let Some(first) = profile.first() else {
                 return error.take().map(Err);
+            };
+            let runs_back = profile.windows(2).any(|two| two[1].index < two[0].index);
+            if !known.insert(first.profile) || runs_back {
+                return Some(Err(unordered(first.profile)));
             }
             let goes = judge(&profile);
             let mut kept = Vec::with_capacity(profile.len());

@@ -85,6 +85,25 @@ fn a_spike_is_one_point_off_neighbours_that_agree() {
     assert_eq!(counts(drops), [("spike", 1)]);
 }
 
+/// A cloud that was sorted otherwise has no neighbours to hold a point against: it is refused, where it came out as if it
+/// were clean.
+#[test]
+fn points_that_do_not_follow_their_profile_are_refused() {
+    let list = plane(3, 8);
+    let mut by_index = list.clone();
+    by_index.sort_by_key(|p| p.index);
+    let mut turned = list.clone();
+    turned[8..16].reverse();
+    for (list, right) in [(&list, true), (&by_index, false), (&turned, false)] {
+        let drops = RefCell::default();
+        let found: Result<Vec<CloudPoint>, _> = spikes(points(list), 1.5, None, &drops).collect();
+        match found {
+            Ok(kept) => assert!(right && kept.len() == list.len()),
+            Err(error) => assert!(!right && error.code == "unordered", "{error}"),
+        }
+    }
+}
+
 /// On a plane at 1 mm, as on flanks up to 82 degrees with kinks and steps, each sample that stands off goes and no other:
 /// not the pitch, nor the step between neighbours on a flank, is how far one stands off.
 #[test]

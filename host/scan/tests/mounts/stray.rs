@@ -96,6 +96,94 @@ fn an_angle_that_is_wrong_for_all_balls_is_named_once() {
     }
 }
 
+/// Two that are off widen the scatter that each is held against, and hid each other: two of eight centres, and two samples
+/// of one profile.
+#[test]
+fn two_strays_do_not_hide_each_other() {
+    let mut random = Random(9);
+    for seed in 0..8 {
+        let mut centres = measured(1, 8, 0.003, &mut random);
+        let (first, second) = (seed, (seed + 3) % 8);
+        centres[first].measured_mm += Vector3::new(0.2, 0.0, 0.1);
+        centres[second].measured_mm += Vector3::new(0.0, -0.2, 0.1);
+        let found = axis(&centres).unwrap().outlier.unwrap();
+        let mut rows = [first + 1, second + 1];
+        rows.sort_unstable();
+        assert!(
+            found.rows == rows || rows.contains(&found.rows[0]),
+            "{found:?} {rows:?}"
+        );
+    }
+    for on_plane_too in [false, true] {
+        for seed in 0..8 {
+            let (mut all, options) = if on_plane_too {
+                let tilted = Vector3::new(0.3, -0.2, 1.0);
+                (
+                    plane(&tilted, BOTH, along_z(0.005), &mut random),
+                    on_plane(),
+                )
+            } else {
+                let all = spheres(&[BALL], 15.0, BOTH, along_z(0.005), &mut random);
+                (all, on_sphere(Some(15.0)))
+            };
+            let place = 13 * (seed + 2) + 5;
+            for stray in [place, place + 1] {
+                all.points[stray].seen_mm.z += 1.0;
+            }
+            let words = match sensor(&all, &truth(), &options) {
+                Ok(answer) => {
+                    assert_eq!(answer.refuse_doubtful().unwrap_err().code, "outlier");
+                    assert_eq!(answer.outlier.as_ref().unwrap().more, 1);
+                    answer.warnings.join("\n")
+                }
+                Err(error) => error.to_string(),
+            };
+            let named = [place + 1, place + 2].map(|row| words.contains(&format!("row {row} (")));
+            assert!(named.contains(&true), "{seed}: {words}");
+        }
+    }
+}
+
+/// A gross sample makes the mount too uncertain for an answer: the refusal names its row.
+#[test]
+fn a_refusal_names_the_gross_sample() {
+    let mut random = Random(10);
+    for off_mm in [3.0, 20.0] {
+        let tilted = Vector3::new(0.3, -0.2, 1.0);
+        let mut all = plane(&tilted, SMALL_SWING, along_z(0.005), &mut random);
+        all.points[100].seen_mm.z += off_mm;
+        let words = match sensor(&all, &truth(), &on_plane()) {
+            Ok(answer) => answer.warnings.join("\n"),
+            Err(error) => error.to_string(),
+        };
+        assert!(words.contains("row 101 ("), "{off_mm}: {words}");
+    }
+}
+
+const SMALL_SWING: Swing = Swing {
+    a_deg: 15.0,
+    c_deg: 60.0,
+    a_from_deg: 0.0,
+};
+
+/// The normal of a plane looks to where the sensor was, so that its residuals are positive outside, as a ball's are: its
+/// sign was that of an eigenvector, and the page of every second calibration showed no point.
+#[test]
+fn the_normal_of_a_plane_faces_the_sensor() {
+    let mut random = Random(11);
+    for _ in 0..12 {
+        let tilted = Vector3::new(0.3 * random.signed(), 0.3 * random.signed() + 0.4, 1.0);
+        let all = plane(&tilted, BOTH, along_z(0.002), &mut random);
+        let answer = sensor(&all, &truth(), &on_plane()).unwrap();
+        let normal = Vector3::from(answer.features[0].normal.unwrap());
+        let seen_from = all.flanges[0].rotation * truth().rotation * Vector3::z();
+        assert!(normal.dot(&seen_from) > 0.0);
+        let anchor = Vector3::new(10.0, -5.0, 7.0);
+        let distance = answer.features[0].distance_mm.unwrap();
+        assert!((normal.dot(&anchor) - distance).abs() < 0.01);
+    }
+}
+
 /// Of 600 sets of centres that scatter alike, as many have a stray as chance has: one in a thousand by the test.
 #[test]
 fn centres_that_belong_together_have_no_stray() {
@@ -122,6 +210,7 @@ fn a_sample_that_is_no_part_of_the_ball_is_named() {
         let answer = sensor(&all, &truth(), &options).unwrap();
         let outlier = answer.outlier.as_ref().unwrap();
         assert_eq!(outlier.row, place + 1, "{seed}");
+        assert!((outlier.off_mm - 0.08).abs() < 0.025, "{outlier:?}");
         let profile = format!("profile {}", all.points[place].flange);
         assert_eq!(outlier.profile, profile);
         assert!(

@@ -17,10 +17,11 @@ const OF_NOISE: f64 = 5.0;
 /// What lies off all others.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AxisOutlier {
-    /// The rows in the file, counted from 1 behind the header: one, or all at an angle.
+    /// The rows in the file, counted from 1 behind the header: one, all at an angle, or two that hide each other.
     pub rows: Vec<usize>,
-    /// What they stand at.
-    pub angle_deg: f64,
+    /// What they stand at, where that is one angle.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub angle_deg: Option<f64>,
     /// How far the farthest lies from where the others have it, in mm.
     pub off_mm: f64,
     /// The chance that one of so many lies so far off where all belong together.
@@ -41,9 +42,12 @@ impl AxisOutlier {
                 (format!("rows {}", rows.join(", ")), "lie up to")
             }
         };
+        let at = self
+            .angle_deg
+            .map_or_else(String::new, |angle| format!(" (at {angle} degrees)"));
         let head = format!(
-            "{rows} (at {} degrees) {all} {:.4} mm from where the others have the ball",
-            self.angle_deg, self.off_mm
+            "{rows}{at} {all} {:.4} mm from where the others have the ball",
+            self.off_mm
         );
         match self.angle_by_others_deg {
             Some(angle) => format!(
@@ -79,17 +83,19 @@ pub(super) fn outlier(model: &AxisModel<'_>) -> Option<AxisOutlier> {
         },
     );
     // Of an angle with one centre both say the same.
-    let centre = by_centre.map(|found| (vec![found.number], found));
-    let angle = by_angle.map(|found| {
+    let centres = by_centre.map(|found| (found.numbers.clone(), found));
+    let angles = by_angle.map(|found| {
         let all = 0..model.centres.len();
-        let there = all.filter(|&centre| at_angle[centre] == found.number);
+        let there = all.filter(|&centre| found.numbers.contains(&at_angle[centre]));
         (there.collect(), found)
     });
-    let (centres, found) = [centre, angle]
-        .into_iter()
-        .flatten()
-        .min_by(|a, b| a.1.p.total_cmp(&b.1.p))?;
-    Some(model.without(&centres, &found))
+    // The simplest of what there may be: one rather than two.
+    let all = [centres, angles].into_iter().flatten();
+    let (out, found) = all.min_by(|a, b| {
+        let few = |of: &(Vec<usize>, Stray)| of.1.numbers.len();
+        few(a).cmp(&few(b)).then(a.1.p.total_cmp(&b.1.p))
+    })?;
+    Some(model.without(&out, &found))
 }
 
 impl AxisModel<'_> {
@@ -137,16 +143,22 @@ impl AxisModel<'_> {
             let each = seen().map(|(ball, at)| (at - others.place(ball, angle_rad)).norm());
             each.fold(0.0, f64::max)
         };
-        let (written_deg, written_rad) = (self.centres[out[0]].angle_deg, self.angles_rad[out[0]]);
+        let written = out
+            .iter()
+            .zip(seen())
+            .map(|(&place, (ball, at))| (at - others.place(ball, self.angles_rad[place])).norm());
+        let off = written.fold(0.0, f64::max);
+        let first = self.centres[out[0]].angle_deg;
+        let is_one = out.iter().all(|&at| self.centres[at].angle_deg == first);
+        let angle_deg = is_one.then_some(first);
         let turned_rad = others.turned_to(seen());
-        let (off, left) = (off_mm(written_rad), off_mm(turned_rad));
-        let on_circle = left < (OFF_CIRCLE * off).max(OF_NOISE * found.others_mm);
+        let on_circle = off_mm(turned_rad) < (OFF_CIRCLE * off).max(OF_NOISE * found.others_mm);
         AxisOutlier {
             rows: out.iter().map(|place| place + 1).collect(),
-            angle_deg: written_deg,
+            angle_deg,
             off_mm: off,
             p: found.p,
-            angle_by_others_deg: on_circle.then(|| {
+            angle_by_others_deg: angle_deg.filter(|_| on_circle).map(|written_deg| {
                 let found_deg = turned_rad.to_degrees();
                 // In the turn that the file counts.
                 found_deg + 360.0 * ((written_deg - found_deg) / 360.0).round()

@@ -17,9 +17,9 @@ use crate::calibrate::solve::scatter::whiten;
 /// What lies off the others.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::calibrate) struct Stray {
-    /// Its number.
-    pub number: usize,
-    /// What the others say less what it says, in mm, for each of its residuals.
+    /// The numbers of the observations: one, or two that hide each other.
+    pub numbers: Vec<usize>,
+    /// Their residuals by what the others say, in mm.
     pub off_mm: DVector<f64>,
     /// Standard deviation of a residual of the others, in mm.
     pub others_mm: f64,
@@ -35,16 +35,31 @@ pub(in crate::calibrate) struct Observed<'a> {
     pub residuals: &'a dyn Fn(usize) -> usize,
 }
 
-/// Looks for an observation that lies off the others, at the model's optimum. None where they belong together, or where
-/// leaving one out leaves nothing to hold it against.
+/// Up to so many observations are left out by twos, too.
+const MOST_FOR_PAIRS: usize = 64;
+
+/// A residual and its whitened row.
+type WhiteRow = (f64, DVector<f64>);
+
+/// Observations that were left out together.
+struct LeftOut {
+    gain: f64,
+    numbers: Vec<usize>,
+    off_mm: DVector<f64>,
+}
+
+/// Looks for an observation that lies off the others, at the model's optimum; among few for two, which widen the scatter
+/// that each is held against. None where they belong together, or where leaving them out leaves nothing to hold them
+/// against.
 pub(in crate::calibrate) fn stray<M: Model>(model: &M, observed: &Observed<'_>) -> Option<Stray> {
     let (nuisances, targets) = model.unknowns();
     let whiten = whiten(model);
     let dof = model.residuals().checked_sub(whiten.nrows())?;
     let mut line = DVector::zeros(nuisances + targets);
-    let mut begun: HashMap<usize, Vec<(f64, DVector<f64>)>> = HashMap::new();
-    let mut all: Vec<(f64, usize, DVector<f64>)> = Vec::new();
-    let (mut ssq, mut place, mut tried) = (0.0, 0, 0.0);
+    let mut begun: HashMap<usize, Vec<WhiteRow>> = HashMap::new();
+    let mut few: Vec<(usize, Vec<WhiteRow>)> = Vec::new();
+    let mut worst: Vec<LeftOut> = Vec::new();
+    let (mut ssq, mut place, mut singles) = (0.0, 0, 0);
     model.rows(&mut |value, derivatives| {
         line.fill(0.0);
         derivatives(line.as_mut_slice());
@@ -56,36 +71,75 @@ pub(in crate::calibrate) fn stray<M: Model>(model: &M, observed: &Observed<'_>) 
         if rows.len() < (observed.residuals)(number) {
             return;
         }
-        tried += 1.0;
-        if let Some((gain, off)) = begun.remove(&number).and_then(|rows| left_out(&rows)) {
-            // The worst of each size: a gain by more residuals is less odd.
-            match all.iter_mut().find(|(.., known)| known.len() == off.len()) {
-                Some(worst) if worst.0 < gain => *worst = (gain, number, off),
-                Some(_) => {}
-                None => all.push((gain, number, off)),
+        singles += 1;
+        if let Some(rows) = begun.remove(&number) {
+            keep_worst(&mut worst, vec![number], &rows);
+            if singles <= MOST_FOR_PAIRS {
+                few.push((number, rows));
             }
         }
     });
-    let judged = all.into_iter().filter_map(|(gain, number, off_mm)| {
-        let rows = off_mm.len();
+    let mut pairs = 0;
+    if singles <= MOST_FOR_PAIRS {
+        for (place, (number, rows)) in few.iter().enumerate() {
+            for (other, more) in &few[..place] {
+                pairs += 1;
+                keep_worst(
+                    &mut worst,
+                    vec![*other, *number],
+                    &[&more[..], rows].concat(),
+                );
+            }
+        }
+    }
+    let judged = worst.into_iter().filter_map(|out| {
+        let rows = out.off_mm.len();
         let dof = dof.checked_sub(rows).filter(|dof| *dof > 0)? as f64;
+        let tried = if out.numbers.len() > 1 {
+            pairs
+        } else {
+            singles
+        };
         // Rounding scatters by no law.
-        let others_mm = ((ssq - gain).max(0.0) / dof).sqrt().max(ROUNDING_MM);
-        let f = gain / rows as f64 / (others_mm * others_mm);
+        let others_mm = ((ssq - out.gain).max(0.0) / dof).sqrt().max(ROUNDING_MM);
+        let f = out.gain / rows as f64 / (others_mm * others_mm);
         Some(Stray {
-            number,
-            p: beyond_f(f, rows as f64, dof) * tried,
-            off_mm,
+            numbers: out.numbers,
+            p: beyond_f(f, rows as f64, dof) * f64::from(tried as u32),
+            off_mm: out.off_mm,
             others_mm,
         })
     });
-    let worst = judged.min_by(|a, b| a.p.total_cmp(&b.p));
-    worst.filter(|worst| worst.p < ALARM)
+    let judged: Vec<Stray> = judged.filter(|found| found.p < ALARM).collect();
+    // Who lies off alone takes any other with it: two are told only where none does alone.
+    let alone = judged.iter().any(|found| found.numbers.len() == 1);
+    let told = judged
+        .into_iter()
+        .filter(|found| !alone || found.numbers.len() == 1);
+    told.min_by(|a, b| a.p.total_cmp(&b.p))
 }
 
-/// What an observation takes from the sum of squares where it is left out, and what it is off by then. None where it
-/// alone decides an unknown, and cannot be off.
-fn left_out(rows: &[(f64, DVector<f64>)]) -> Option<(f64, DVector<f64>)> {
+/// Leaves these out, and keeps the worst of each size: a gain by more residuals is less odd.
+fn keep_worst(worst: &mut Vec<LeftOut>, numbers: Vec<usize>, rows: &[WhiteRow]) {
+    let Some((gain, off_mm)) = left_out(rows) else {
+        return;
+    };
+    let size = |known: &LeftOut| (known.numbers.len(), known.off_mm.len());
+    let found = LeftOut {
+        gain,
+        numbers,
+        off_mm,
+    };
+    match worst.iter_mut().find(|known| size(known) == size(&found)) {
+        Some(known) if known.gain < gain => *known = found,
+        Some(_) => {}
+        None => worst.push(found),
+    }
+}
+
+/// What observations take from the sum of squares where they are left out, and what they are off by then. None where they
+/// alone decide an unknown, and cannot be off.
+fn left_out(rows: &[WhiteRow]) -> Option<(f64, DVector<f64>)> {
     let own = DMatrix::from_columns(&rows.iter().map(|(_, row)| row.clone()).collect::<Vec<_>>());
     let residuals = DVector::from_iterator(rows.len(), rows.iter().map(|(value, _)| *value));
     let left = DMatrix::identity(rows.len(), rows.len()) - own.tr_mul(&own);

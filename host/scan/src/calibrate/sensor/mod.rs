@@ -122,6 +122,18 @@ impl SensorAnswer {
             .or(self.covariance.as_ref())
     }
 
+    /// Refuses a mount that is too uncertain to go into a machine file, by the covariance that goes with it, or one of
+    /// samples of which one lies off all others.
+    ///
+    /// # Errors
+    /// `outlier`, and which; `uncertain`.
+    pub fn refuse_doubtful(&self) -> Result<(), ScanError> {
+        if let Some(outlier) = &self.outlier {
+            return Err(ScanError::refused("outlier", outlier.words()));
+        }
+        self.best_covariance().map_or(Ok(()), refuse_uncertain)
+    }
+
     /// The mount, as a machine file has it.
     #[must_use]
     pub fn mount(&self) -> Pose {
@@ -229,28 +241,34 @@ fn mount(
     refuse_few_profiles(&solution.model)?;
     let solution = rivals::decided(solution, start, &scale)?;
     refuse_unseen(&solution, &scale, give_centres)?;
+    let mut solution = solution;
+    solution.model.face_the_sensor();
     let radius = radius_wanted(&solution, options);
-    let with_radius = |mut error: ScanError| {
-        if let Some(radius) = &radius {
-            error.message += &format!("; {radius}");
+    let outlier = outlier::outlier(&solution.model);
+    let stray = outlier
+        .as_ref()
+        .map(|outlier| format!("outlier: {}", outlier.words()));
+    let with_hints = |mut error: ScanError| {
+        for hint in [&radius, &stray].into_iter().flatten() {
+            error.message += &format!("; {hint}");
         }
         error
     };
-    refuse_apart(&solution).map_err(with_radius)?;
+    refuse_apart(&solution).map_err(with_hints)?;
     let dof = n - unknowns;
     let sigma_mm = (dof > 0).then(|| (solution.ssq / dof as f64).sqrt());
     let covariance_unit = all_six(&solution.covariance_unit, &solution.model.sought);
     let covariance =
         sigma_mm.map(|sigma| covariance_unit.map(|row| row.map(|v| v * sigma * sigma)));
     if let Some(covariance) = &covariance {
-        refuse_uncertain(covariance).map_err(with_radius)?;
+        refuse_uncertain(covariance).map_err(with_hints)?;
     }
     if !solution.converged {
-        return Err(ScanError::refused(
+        return Err(with_hints(ScanError::refused(
             "no_convergence",
             "no mount near the first guess fits: [sensor] of the machine file must be right within \
              6° and 20 mm",
-        ));
+        )));
     }
     refuse_far(&solution.model.mount, start)?;
     let model = &solution.model;
@@ -268,10 +286,6 @@ fn mount(
     let is_radius_told = !warnings.is_empty();
     warnings.extend(farther_than_asked(&model.mount, start));
     warnings.extend(few_lines(model));
-    let outlier = outlier::outlier(model);
-    let stray = outlier
-        .as_ref()
-        .map(|outlier| format!("outlier: {}", outlier.words()));
     if let Some(misfit) = poses.misfit.as_ref().filter(|found| found.stands_out()) {
         // A radius that is wrong makes poses disagree, too, and is told by its own name.
         // What too few poses are off by says nothing of what the mount is off by.

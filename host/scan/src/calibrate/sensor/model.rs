@@ -68,6 +68,24 @@ impl MountModel<'_> {
         }
     }
 
+    /// Turns the normal of each plane to where the sensor saw it from: a residual is then positive outside, as a ball's is.
+    pub(super) fn face_the_sensor(&mut self) {
+        let mut to_sensor = vec![Vector3::zeros(); self.features.len()];
+        for seen in &self.all.points {
+            let flange = &self.all.flanges[seen.flange];
+            to_sensor[seen.feature] += flange.rotation * self.mount.rotation * Vector3::z();
+        }
+        for (feature, to_sensor) in self.features.iter_mut().zip(to_sensor) {
+            if let SampleSights::Plane {
+                normal, height_mm, ..
+            } = feature
+                && normal.dot(&to_sensor) < 0.0
+            {
+                (*normal, *height_mm) = (-*normal, -*height_mm);
+            }
+        }
+    }
+
     /// The same of other observations.
     pub(super) fn of<'b>(&self, all: &'b Observations) -> MountModel<'b> {
         MountModel {

@@ -366,3 +366,20 @@ fn damaged_clouds_are_named() {
     }
     std::fs::remove_dir_all(folder).unwrap();
 }
+
+/// A profile or a place in it that is no whole number is no point's: it became another's before.
+#[test]
+fn a_profile_of_a_ply_is_a_whole_number() {
+    let folder = folder("odd");
+    let path = folder.join("odd.ply");
+    for (profile, index, right) in [("3", "7", true), ("1.5", "7", false), ("3", "-2", false)] {
+        let text = format!(
+            "ply\nformat ascii 1.0\nelement vertex 1\nproperty double x\nproperty double y\nproperty double z\n\
+             property float profile\nproperty float index\nend_header\n0 0 0 {profile} {index}\n"
+        );
+        std::fs::write(&path, text).unwrap();
+        let point = CloudReader::open(&path).unwrap().next_point();
+        assert_eq!(point.is_ok(), right, "{profile} {index}");
+    }
+    std::fs::remove_dir_all(folder).unwrap();
+}

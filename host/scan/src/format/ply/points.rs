@@ -9,6 +9,8 @@ use crate::cloud::{CloudColumns, CloudPoint};
 
 /// Bytes of a line at most.
 const LONGEST_LINE: u64 = 1 << 16;
+/// Whole numbers up to here are exact as a double.
+const MOST_PROFILE: f64 = 9_007_199_254_740_992.0;
 
 /// What a property is of a point.
 #[derive(Clone, Copy, PartialEq)]
@@ -134,11 +136,19 @@ impl<R: BufRead> PlyReader<R> {
             }
         };
         let mut point = CloudPoint::default();
+        let mut odd = None;
+        let mut whole = |what: &'static str, value: f64, most: f64| {
+            if !(0.0..=most).contains(&value) || value.fract() != 0.0 {
+                odd = Some((what, value));
+            }
+            value
+        };
         let mut take = |meaning: Meaning, value: f64| match meaning {
             Meaning::At(k) => point.at[k] = value,
-            // Casts end at the bounds: a number that is none becomes 0.
-            Meaning::Profile => point.profile = value as u64,
-            Meaning::Index => point.index = value as u32,
+            Meaning::Profile => point.profile = whole("profile", value, MOST_PROFILE) as u64,
+            Meaning::Index => {
+                point.index = whole("index", value, f64::from(u32::MAX)) as u32;
+            }
             Meaning::Time => point.t_us = value,
             Meaning::Intensity => point.intensity = value,
             Meaning::MountU => point.mount_u_mm = value,
@@ -164,6 +174,11 @@ impl<R: BufRead> PlyReader<R> {
                 take(*meaning, kind.read(rest, self.encoding));
                 rest = &rest[kind.size()..];
             }
+        }
+        if let Some((what, value)) = odd {
+            return Err(wrong(&format!(
+                "its {what} is {value}; a whole number from 0 on is wanted"
+            )));
         }
         self.left -= 1;
         Ok(Some(point))

@@ -7,6 +7,7 @@ mod demo;
 mod digitize;
 mod drive;
 mod foreign;
+mod frames;
 mod localise;
 mod mount;
 mod plan;

@@ -97,6 +97,12 @@ fn a_shape_in_inches_is_told() {
             Some(told) => assert!(said.contains(told), "{unit}: {said}"),
         }
     }
+    // The place in millimetres, the radius alone in inches.
+    let said = warned(
+        "radius.toml",
+        "kind = \"sphere\"\ncenter_mm = [40, 0, 30]\nradius_mm = 0.5\n".to_owned(),
+    );
+    assert!(said.contains("radius looks like inches"), "{said}");
     // A plane, a cylinder and a cone have no size that a cloud must have; their places tell.
     let mut flat = String::from("x_mm,y_mm,z_mm\n");
     let mut bore = flat.clone();

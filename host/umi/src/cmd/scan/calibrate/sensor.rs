@@ -97,11 +97,12 @@ direction or scale of an axis to bring them together, if one does. Where they di
 file gets `covariance_poses`, by the scatter of whole poses; it knows nothing of what is wrong in all
 of them alike. Refused are poses that scatter ten times as much as the samples within them, one that
 lies off so far, and a slip of an axis that moves the mount by more than five of its standard uncertainties.
-One sample that lies off all others, and off those of its profile, by eight standard deviations is named (`outlier`).
+One sample that lies off all others, and off those of its profile, by eight standard deviations is named (`outlier`);
+such a mount goes into no file (-o), nor does one that its `covariance_scatter` has more uncertain than 1 mrad or 1 mm.
 
 Refused (status 2): unidentifiable, uncertain, too_few_points, not_finite, machine,
 missing_axis, missing_position, missing_centre, no_convergence, angle_unit, far_from_start,
-bar_length, misfit.";
+bar_length, misfit, outlier.";
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum On {
@@ -168,6 +169,9 @@ impl Sensor {
 
     fn make(&self) -> Result<SensorAnswer, ScanError> {
         let (found, all) = self.find()?;
+        if self.written.output.is_some() {
+            found.refuse_doubtful()?;
+        }
         self.written.write(
             || residuals(&found, &all),
             || page(&found, &all),

@@ -88,7 +88,8 @@ Examples:
   umi scan filter cloud.csv --poses poses.csv --range -38,38 --incidence 60,0.4 -o clean.ply
 
 Refused (status 2): no_filter, no_profiles (for --spike, --mixed and --poses), no_intensity,
-foreign_poses (of another scan, or of a cloud that was moved),
+foreign_poses (of another scan, or of a cloud that was moved), unordered (points of a profile that do not follow each
+other),
 too_few_points, not_finite, nothing_left (no file is written).";
 
 /// Said where spikes or mixed points are sought without knowing where the sensor looked from.
