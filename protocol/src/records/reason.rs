@@ -9,6 +9,7 @@ use strum::IntoStaticStr;
 use thiserror::Error;
 
 use crate::job::Name;
+use crate::latch::SignalLevel;
 
 /// One reason. `hit` numbers count from 1, as a machinist counts.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Schema, Error, IntoStaticStr)]
@@ -767,6 +768,13 @@ pub enum Reason {
     /// A host asked to teach anew while the setup was measured.
     #[error("it was given up: somebody asked to teach anew while it was measured")]
     GivenUp,
+    /// The skip line rests at the level of a touch: each end of a touch is taken for one. Against a setup where the
+    /// encoders show it; a remark where only durations do.
+    #[error(fmt = wrong_rest)]
+    SkipRestsAtTouch {
+        /// The level at which it rests, which is `skip.active`.
+        rests: SignalLevel,
+    },
 }
 
 /// Why a fit or a registration was refused.
@@ -866,6 +874,17 @@ fn not_guarded(
         }
     }
     Ok(())
+}
+
+fn wrong_rest(rests: &SignalLevel, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    let (rests, other) = match rests {
+        SignalLevel::High => ("high", "low"),
+        SignalLevel::Low => ("low", "high"),
+    };
+    write!(
+        f,
+        "the skip line rests at {rests}, which the job takes for a touch, so each release counted as one; set `skip.active = \"{other}\"`, or look for a broken wire or a probe that is off"
+    )
 }
 
 /// Counted the other way is not a matter of parts per million.

@@ -4,10 +4,11 @@
 //! What the board has journaled is judged as its brain judges it ([`umi_core::job::skip`]).
 
 use umi_core::job::skip::{Chatter, SkipLine};
-use umi_protocol::job::{Job, SkipSpec};
+use umi_protocol::job::{Guards, Job, SkipSpec};
 use umi_protocol::latch::{LatchCause, LatchReport, SignalLevel};
 use umi_protocol::message::Record;
-use umi_tests::cases::{connect, journal, until};
+use umi_protocol::pattern::{LinePattern, PointLinePattern};
+use umi_tests::cases::{connect, journal, judged, raw_bytes, until};
 use umi_tests::rig::pico::{CYCLES_PER_US, PicoRig, SKIP_PIN};
 use umi_tests::rig::{Rig, VirtualRig};
 
@@ -185,4 +186,69 @@ fn the_first_true_edge_is_the_touch_on_the_emulated_pico() {
         let places = begins.map(|truth| std::array::from_fn(|axis| truth.positions[axis]));
         (places.collect(), usize::from(turns))
     });
+}
+
+/// Hits of the witnessed job, 15 mm apart.
+const HITS: i64 = 15;
+const APART_MM: i64 = 15;
+/// A hundredth of a machine's: the axes need not go far.
+const COUNTS_PER_MM: i64 = 100;
+
+/// The same touches to a job that takes the line's high level for a touch, and to one that takes the low one, at which it rests:
+/// the verdict on the second says so. Of where the touches were, neither is OK.
+fn names_the_level_at_which_it_rests<R: Rig>(rig: &mut R, mut touch: impl FnMut(&mut R, [i64; 3])) {
+    let mut client = connect(rig);
+    let mut printed = 0;
+    for (number, active) in (1..).zip([SignalLevel::High, SignalLevel::Low]) {
+        let mut job = witnessed(active);
+        (job.correction, job.guards) = (None, Guards::default());
+        job.receiver.patterns.clear();
+        let lines = LinePattern::PointLine(PointLinePattern::default());
+        job.receiver.patterns.push(lines).unwrap();
+        job.skip.min_width_us = Some(0);
+        job.skip.hold_off_ms = Some(1);
+        let witness = job.witness.as_mut().unwrap();
+        witness.counts_per_mm = [COUNTS_PER_MM as f64; 3];
+        witness.feed_mm_per_min = Some(50.0);
+        client.set_job(&job).unwrap().unwrap();
+        for hit in 1..=HITS {
+            let skips = client.status().unwrap().latches.skips;
+            let place = [hit * APART_MM * COUNTS_PER_MM; 3];
+            rig.move_to(&place);
+            touch(rig, place);
+            until(rig, "the touch", |_| {
+                (client.status().unwrap().latches.skips > skips).then_some(())
+            });
+            let mm = (hit * APART_MM) as f64;
+            let line = format!("POINT: {mm:.4} {mm:.4} {mm:.4}\r\n");
+            rig.control_sends(line.as_bytes());
+            printed += line.len();
+            until(rig, "the line", |_| {
+                (raw_bytes(&journal(&mut client).0).len() >= printed).then_some(())
+            });
+        }
+        judged(rig, &mut client, number);
+        let verdict = client.verdict().unwrap().unwrap();
+        let mut reasons = verdict.reasons.iter();
+        let says = reasons.any(|reason| reason.reason.code() == "skip_rests_at_touch");
+        assert_eq!(says, active == SignalLevel::Low, "{active:?}: {verdict:?}");
+        assert!(!verdict.ok);
+        rig.move_to(&[0; 3]);
+    }
+}
+
+#[test]
+fn a_line_that_rests_at_the_level_of_a_touch_is_named_on_the_virtual_board() {
+    names_the_level_at_which_it_rests(&mut VirtualRig::start().unwrap(), |rig, place| {
+        let now_ns = rig.now_ns();
+        rig.edge(LatchCause::Skip, now_ns, place);
+        rig.edge(LatchCause::SkipEnd, now_ns + 100 * US, place);
+    });
+}
+
+#[test]
+fn a_line_that_rests_at_the_level_of_a_touch_is_named_on_the_emulated_pico() {
+    if let Some(mut rig) = PicoRig::start_or_skip() {
+        names_the_level_at_which_it_rests(&mut rig, |rig, _| rig.skip());
+    }
 }

@@ -53,6 +53,13 @@ impl Run {
         }
     }
 
+    /// What the skip line has shown of its rest belongs to no setup that is under way now.
+    fn skip_begins(&mut self) {
+        if let Some(skip) = self.skip.get_mut() {
+            skip.begin();
+        }
+    }
+
     /// A block of hits begins.
     #[inline(never)]
     pub fn block_start(&mut self, name: &str, now: Micros, out: &mut impl FnMut(Decision<'_>)) {
@@ -60,6 +67,9 @@ impl Run {
         self.last_hit = now;
         // Its touches are over: what comes while it is printed belongs to the next.
         let touches = self.skip.get_mut().map_or(0, SkipLine::count);
+        if !self.is_under_way() {
+            self.skip_begins();
+        }
         match self.place_of(|feature| feature.name == name) {
             Some(feature) => {
                 let mut block = Collecting::new(feature, true);
@@ -77,6 +87,7 @@ impl Run {
         if let Some(run) = hit.run {
             self.enter_run(run, out);
         }
+        let begins = !self.is_under_way();
         let in_block = self.collecting.get().is_some_and(|c| c.in_block);
         if !in_block {
             let place = match (&hit.feature, hit.feature_id) {
@@ -125,6 +136,9 @@ impl Run {
         collecting.touches = collecting.touches.saturating_add(touch.is_some().into());
         let seen = self.witness.get().map(|w| w.pair(touch, hit));
         collecting.take(spec, hit, seen);
+        if begins && let Some(skip) = self.skip.get_mut() {
+            skip.begin();
+        }
         if !collecting.in_block && collecting.hits.len() >= usize::from(spec.hits) {
             self.finish(out);
         }
@@ -193,8 +207,13 @@ impl Run {
                 add(&mut result.reasons, Reason::ConflictingRepeat);
             }
             Belongs::NextSetup => {
+                let was_unfinished = self.progress == Progress::UnderWay;
                 self.close(None, out);
                 self.next_setup();
+                if was_unfinished {
+                    // Else it began with the first line of this one.
+                    self.skip_begins();
+                }
                 if collecting.in_block {
                     // Blocks do not say it themselves: what was said of the setup before is
                     // not said of this one.

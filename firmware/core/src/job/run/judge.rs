@@ -14,7 +14,7 @@ use crate::job::scatter::Scatter;
 use crate::job::setup;
 use crate::job::setup::DatumPoints;
 use crate::job::witness::Witness;
-use crate::job::witness::skip::Chatter;
+use crate::job::witness::skip::{Chatter, Rests};
 use crate::units::Point;
 
 impl Run {
@@ -41,6 +41,7 @@ impl Run {
                     | Reason::SkipChatter { .. }
             )
         });
+        self.against_rest();
         let mut verdict = setup::blank(self.setup);
         let mut measured = DatumPoints::new();
         let taught = self.weigh(reason.as_ref(), &mut verdict, &mut measured);
@@ -451,6 +452,12 @@ impl Run {
         for reason in self.remarks.iter().cloned() {
             setup::add_remark(verdict, reason);
         }
+        if let Some(skip) = self.skip.get()
+            && skip.rests() == Rests::LongerAtTouch
+        {
+            let rests = skip.active();
+            setup::add_remark(verdict, Reason::SkipRestsAtTouch { rests });
+        }
         if let Some(job) = self.job.get() {
             if let Some(open) = not_guarded(job) {
                 setup::add_remark(verdict, open);
@@ -461,6 +468,19 @@ impl Run {
             if job.guards.frame && self.reference.is_some() && !is_known {
                 setup::add_remark(verdict, Reason::LengthNotGuarded);
             }
+        }
+    }
+
+    /// Whether the skip line rests at the level of a touch. It stays against the setup, whose last feature may come again.
+    ///
+    /// Not inlined, as [`Self::add_remarks`].
+    #[inline(never)]
+    fn against_rest(&mut self) {
+        if let Some(skip) = self.skip.get()
+            && skip.rests() == Rests::AtTouch
+        {
+            let rests = skip.active();
+            self.hold_against(Reason::SkipRestsAtTouch { rests });
         }
     }
 

@@ -239,3 +239,114 @@ fn each_line_needs_its_touch() {
     assert_eq!(with_touches(None), ["OK"]);
     assert_eq!(with_touches(Some(8)), ["SPHERE2:untouched no_reference"]);
 }
+
+/// The probe's line at a job of checked lines: it is high while the probe touches, and each hit stands for 60 ms before it is
+/// printed.
+struct AtTheLine {
+    run: Run,
+    outcome: Outcome,
+    t_ns: u64,
+    has_encoders: bool,
+    /// The board's input is turned round from here on.
+    is_turned: bool,
+}
+
+impl AtTheLine {
+    fn new(active: SignalLevel, has_encoders: bool) -> Self {
+        let mut job = checked_job();
+        job.skip.active = active;
+        if !has_encoders {
+            (job.witness, job.skip.each_hit) = (None, true);
+        }
+        Self {
+            run: Run::new(job),
+            outcome: Outcome::default(),
+            t_ns: 0,
+            has_encoders,
+            is_turned: false,
+        }
+    }
+
+    /// A feature of the session, `beside` where it is.
+    fn probes(&mut self, block: usize, beside: f64) {
+        let approaches = job().features[0].approach.clone();
+        let (_, points) = &session_a()[block];
+        for (number, (point, approach)) in points.iter().zip(&approaches).enumerate() {
+            let (axis, sign) = approach.axis_and_sign();
+            let mut tip = *point;
+            tip[axis] -= sign * (2.5 - if axis == 2 { 0.0 } else { 0.062 });
+            let counts = tip.map(|mm| libm::round(mm * 1000.0) as i64);
+            self.t_ns += 2_000_000_000;
+            let mut edges = [LatchCause::Skip, LatchCause::SkipEnd];
+            if self.is_turned {
+                edges.reverse();
+            }
+            for (cause, after_ns) in edges.into_iter().zip([0, 60_000_000]) {
+                let counts = match self.has_encoders {
+                    true => counts,
+                    false => [0; 3],
+                };
+                self.run.latched(&LatchReport {
+                    number: 0,
+                    cause,
+                    counts: counts.into_iter().collect(),
+                    t_ns: self.t_ns + after_ns,
+                    missed: 0,
+                });
+            }
+            if number == 0 {
+                tip[axis] += beside;
+            }
+            let mut hit = hit(tip);
+            hit.feature_id = Some(u16::try_from(block % 3 + 1).unwrap());
+            hit.approach = Some(*approach);
+            hit.feed_mm_per_min = Some(30.0);
+            let outcome = &mut self.outcome;
+            self.run.hit(&hit, Micros(1), &mut |d| outcome.take(d));
+        }
+    }
+}
+
+/// A job whose `skip.active` is the level at which the line rests: with encoders each setup is NG by that, though all positions
+/// agree; without, it is OK and the remark says so. At the right level nothing is said.
+#[test]
+fn a_line_that_rests_at_the_level_of_a_touch_is_named_in_the_verdict() {
+    for has_encoders in [true, false] {
+        for active in [SignalLevel::High, SignalLevel::Low] {
+            let mut line = AtTheLine::new(active, has_encoders);
+            (0..6).for_each(|block| line.probes(block, 0.0));
+            let is_right = active == SignalLevel::High;
+            let said = Reason::SkipRestsAtTouch { rests: active };
+            for verdict in &line.outcome.verdicts {
+                let in_reasons = verdict.reasons.iter().any(|of| of.reason == said);
+                let in_remarks = verdict.remarks.iter().any(|of| of.reason == said);
+                assert_eq!(in_reasons, !is_right && has_encoders, "{verdict:?}");
+                assert_eq!(in_remarks, !is_right && !has_encoders, "{verdict:?}");
+                assert_eq!(verdict.ok, is_right || !has_encoders, "{verdict:?}");
+            }
+            assert_eq!(line.outcome.verdicts.len(), 2);
+        }
+    }
+}
+
+/// A refused feature that comes again makes no such setup good, also where the wire was mended in between; the next setup is.
+#[test]
+fn a_wrong_level_stays_against_its_setup() {
+    let mut line = AtTheLine::new(SignalLevel::Low, true);
+    line.probes(0, 0.0);
+    line.probes(1, 0.0);
+    line.probes(2, 1.0);
+    line.is_turned = true;
+    line.probes(2, 0.0);
+    (3..6).for_each(|block| line.probes(block, 0.0));
+    let says = |verdict: &Verdict| {
+        let codes = verdict.reasons.iter().map(|of| of.reason.code());
+        codes.filter(|code| *code == "skip_rests_at_touch").count()
+    };
+    let verdicts = &line.outcome.verdicts;
+    let [first, again, next] = &verdicts[..] else {
+        panic!("{:?}", line.outcome.summary());
+    };
+    assert_eq!([says(first), says(again), says(next)], [1, 1, 0]);
+    assert_eq!([first.ok, again.ok, next.ok], [false, false, true]);
+}

@@ -33,9 +33,14 @@
 //! place. On a board that tells no ends of pulses every edge counts as wide, and bounces at a
 //! release later than the hold-off after the touch count as a touch.
 
+mod rest;
+
 use heapless::Vec;
 use umi_protocol::job::SkipSpec;
 use umi_protocol::latch::{LatchCause, LatchReport, SignalLevel};
+
+use rest::Levels;
+pub use rest::Rests;
 
 /// Edges that wait to be judged.
 const ROOM: usize = 16;
@@ -51,8 +56,8 @@ struct Edge {
 enum What {
     /// The line became active, with the axes here.
     Begin([f64; 3]),
-    /// It rests again.
-    End,
+    /// It rests again, with the axes here.
+    End([f64; 3]),
     /// It became active so often by now, at least, and nobody knows where the axes were.
     Lost(u32),
     /// It came to rest by now, at least once, and nobody knows when.
@@ -96,6 +101,7 @@ pub struct SkipLine {
     /// Touches that nobody has counted.
     uncounted: u16,
     chatter: Chatter,
+    levels: Levels,
 }
 
 impl SkipLine {
@@ -113,6 +119,7 @@ impl SkipLine {
             touch: None,
             uncounted: 0,
             chatter: Chatter::default(),
+            levels: Levels::default(),
         }
     }
 
@@ -137,7 +144,8 @@ impl SkipLine {
             return;
         }
         let what = match (begins, mm) {
-            (false, _) => What::End,
+            // Where none has a begin, no end is held against one.
+            (false, mm) => What::End(mm.unwrap_or_default()),
             (true, Some(mm)) => What::Begin(mm),
             // A board without three axes: nothing to place a touch by.
             (true, None) => What::Lost(1),
@@ -183,13 +191,33 @@ impl SkipLine {
         core::mem::take(&mut self.chatter)
     }
 
+    /// A setup begins with the line that was printed last: what the line shows of its rest from here on is of it.
+    pub fn begin(&mut self) {
+        self.levels.begin();
+    }
+
+    /// Where the line rests, by what it has shown since a setup began.
+    pub fn rests(&self) -> Rests {
+        self.levels.rests()
+    }
+
+    /// The level that the job takes for a touch.
+    pub fn active(&self) -> SignalLevel {
+        self.active
+    }
+
     fn judge(&mut self, edge: Edge) {
+        match &edge.what {
+            What::Begin(mm) => self.levels.edge(true, edge.t_ns, mm),
+            What::End(mm) => self.levels.edge(false, edge.t_ns, mm),
+            What::Lost(_) | What::EndLost => self.levels.lost(),
+        }
         match edge.what {
             What::Begin(mm) => {
                 let before = self.open.replace((edge.t_ns, mm));
                 self.without_end(before, !self.tells_ends);
             }
-            What::End => match self.open.take() {
+            What::End(_) => match self.open.take() {
                 Some((begin_ns, mm)) => {
                     if edge.t_ns.saturating_sub(begin_ns) < self.min_width_ns {
                         self.chatter.sparks = self.chatter.sparks.saturating_add(1);
