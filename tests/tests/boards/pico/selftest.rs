@@ -23,9 +23,15 @@ struct Bench {
 
 impl Bench {
     fn start() -> Option<Self> {
+        Self::start_with(|_| {})
+    }
+
+    /// `before` is done to the board before its first start.
+    fn start_with(before: impl FnOnce(&mut Emulator)) -> Option<Self> {
         let image = image("UMI_PICO_SELFTEST", "pico-selftest.elf");
         let mut emulator =
             skip_without(image.and_then(|image| Emulator::start_image(&image, Start::Paused)))?;
+        before(&mut emulator);
         emulator.ask(&json!({ "do": "free", "speed": 0 }));
         emulator.ask(&json!({ "do": "usb", "plugged": true }));
         let begun = Instant::now();
@@ -161,7 +167,7 @@ fn all_is_as_promised() {
             row.name, row.measured, row.promised, row.unit
         );
     }
-    assert_eq!((table.board.as_str(), table.rows.len()), ("pico", 34));
+    assert_eq!((table.board.as_str(), table.rows.len()), ("pico", 36));
     // Each restart aborts the channels of four rings, of which one each is at work. The emulated DMA has the chips' errata: what is enabled or
     // chained when it is aborted starts again (RP2350 E5), and an abort reads as done before it is
     // (RP2040 E13). None did, and nobody started a channel before its abort was over.
@@ -169,6 +175,36 @@ fn all_is_as_promised() {
     let [asked, again, early] = ["asked", "again", "early"].map(|of| aborts[of].as_u64().unwrap());
     assert!(asked >= 4 * u64::from(ASKED.0), "{aborts}");
     assert_eq!((again, early), (0, 0), "{aborts}");
+}
+
+/// Starts before the one that overflows its stack: those that panic and fault.
+const BEFORE_OVERFLOW: usize = 2;
+/// Between two looks, cycles: a start takes many of them.
+const LOOK_CYCLES: u64 = 2_000;
+
+/// A core that stops where what it saves has no memory never comes to the handler of faults: the watchdog starts the board
+/// anew, and the rows of the overflow fail, no others.
+#[test]
+fn a_core_that_stops_at_an_overflow_is_found() {
+    let stops = |emulator: &mut Emulator| {
+        let begun = Instant::now();
+        while emulator.state().resets < BEFORE_OVERFLOW {
+            assert!(begun.elapsed() < PATIENCE, "it does not start anew");
+            emulator.run(LOOK_CYCLES);
+        }
+        emulator.ask(&json!({ "do": "no_stack", "stops": true }));
+    };
+    let Some(mut bench) = Bench::start_with(stops) else {
+        return;
+    };
+    let resets = bench.emulator.state().json["resets"].clone();
+    assert_eq!(resets[2]["why"], "watchdog timer", "{resets}");
+    let table = bench.test();
+    let failed: Vec<&str> = table.failed().map(|row| row.name.as_str()).collect();
+    assert_eq!(
+        failed,
+        ["stack overflow noted", "laser and lamps low behind them"]
+    );
 }
 
 /// Each of thirteen faults fails its row; without them the board passes again.

@@ -12,6 +12,9 @@ use core::panic::PanicInfo;
 
 use heapless::String;
 
+/// What is noted of a stack that has overflowed.
+pub const OVERFLOWED: &str = "the stack has overflowed";
+
 /// Longest text that is kept.
 pub const TEXT: usize = 96;
 
@@ -67,7 +70,7 @@ pub fn note_panic(info: &PanicInfo<'_>) {
 /// has overflowed.
 pub fn note_fault(address: u32) {
     if address == 0 {
-        return write(OURS, b"the stack has overflowed");
+        return write(OURS, OVERFLOWED.as_bytes());
     }
     let mut text = *b"hard fault at 0x00000000";
     for (place, shift) in text.iter_mut().rev().zip((0..32).step_by(4)) {

@@ -128,6 +128,12 @@ pub fn reset_now() -> ! {
     }
 }
 
+/// The counter runs: when it is over everything is reset, and nothing that does not feed it holds it up.
+pub fn watch(watchdog: &mut Watchdog) {
+    watchdog.start(PATIENCE);
+    select_stages();
+}
+
 /// The watchdog's second part, and the light that shows that it is fed.
 pub struct Dog {
     light: Output<'static>,
@@ -141,8 +147,7 @@ impl Dog {
         let now_us = tick::now_us();
         MEASURING.check_in(now_us);
         HOST.check_in(now_us);
-        watchdog.start(PATIENCE);
-        select_stages();
+        watch(&mut watchdog);
         Self { light, fed: 0 }
     }
 }

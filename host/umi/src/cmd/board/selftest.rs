@@ -26,9 +26,9 @@ Examples:
 
 The board needs the image of the test: `cargo xtask firmware selftest-pico` makes pico-selftest.uf2,
 which is copied onto the drive that the board shows while BOOTSEL is pressed. It drives its own
-encoder, skip, trigger and index pins: nothing may be connected to them. It panics and faults once
-on purpose, so it takes two seconds until its port is there. A Nucleo's is `selftest-nucleo`: by a
-debug probe, with eight jumpers.
+encoder, skip, trigger and index pins: nothing may be connected to them. It panics, faults and
+overflows its stack on purpose, so it takes three seconds until its port is there. A Nucleo's is
+`selftest-nucleo`: by a debug probe, with eight jumpers.
 
 A test that stands still or is cut keeps what has come of its table: `complete` is false.
 

@@ -145,7 +145,7 @@ fn how_to_test(workspace: &Workspace, board: &Board, images: &[Image]) -> String
         ),
     };
     format!(
-        "\n{name}: the board drives its own inputs. Read \"Self-test\" in {wiring} first:\nwhat may be connected, and what must be.\n{ways}\n  then                wait two seconds, and: umi selftest -o {}-1.json",
+        "\n{name}: the board drives its own inputs. Read \"Self-test\" in {wiring} first:\nwhat may be connected, and what must be.\n{ways}\n  then                wait three seconds, and: umi selftest -o {}-1.json",
         board.name
     )
 }

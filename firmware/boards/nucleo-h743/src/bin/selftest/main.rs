@@ -4,7 +4,8 @@
 //! ```text
 //! first start   a panic on purpose ──► note, reset
 //! second        a hard fault on purpose ──► note, reset
-//! third         USB: "run 1 40" ──► rows of the table, each as soon as it is measured
+//! third         the stack overflows on purpose ──► note, reset
+//! fourth        USB: "run 1 40" ──► rows of the table, each as soon as it is measured
 //! ```
 //!
 //! # Design
@@ -81,10 +82,10 @@ fn main() -> ! {
 
     let reason = reset::reason();
     let p = embassy_stm32::init(start::configuration());
-    let past = past::go_through(reason);
     if let Some(mut core) = cortex_m::Peripherals::take() {
         memory::cache(&core.MPU, &mut core.SCB, &mut core.CPUID);
     }
+    let past = past::go_through(reason, p.IWDG1);
     let output = |pin: Peri<'static, AnyPin>| Output::new(pin, Level::Low, Speed::Low);
     let bench = Bench {
         past,

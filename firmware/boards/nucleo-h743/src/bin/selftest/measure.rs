@@ -66,6 +66,7 @@ pub async fn all<L: LinkTx>(
     let Past {
         panic_is_noted,
         fault_is_noted,
+        overflow_is_noted,
         more_starts,
     } = bench.past;
     table
@@ -73,6 +74,9 @@ pub async fn all<L: LinkTx>(
         .await?;
     table
         .exactly("hard fault noted", 1, fault_is_noted.into(), "")
+        .await?;
+    table
+        .exactly("stack overflow noted", 1, overflow_is_noted.into(), "")
         .await?;
     table
         .exactly("starts that nobody asked for", 0, more_starts.into(), "")

@@ -3,7 +3,8 @@
 //! ```text
 //! first start   a panic on purpose ──► note, reset
 //! second        a hard fault on purpose ──► note, reset
-//! third         USB: "run 10000 40" ──► rows of the table, each as soon as it is measured
+//! third         the stack overflows on purpose ──► note, reset
+//! fourth        USB: "run 10000 40" ──► rows of the table, each as soon as it is measured
 //! ```
 //!
 //! # Design
@@ -77,7 +78,7 @@ fn main() -> ! {
 
     let chip = embassy_rp::init(Default::default());
     alarms::start(resources::SERIAL);
-    let past = past::go_through();
+    let past = past::go_through(chip.WATCHDOG);
     // As in the application.
     embassy_rp::pac::BUSCTRL.bus_priority().write(|w| {
         w.set_dma_r(true);
@@ -127,6 +128,7 @@ async fn test_itself(usb: Peri<'static, USB>, mut station: Station, past: Past) 
 #[unsafe(no_mangle)]
 extern "C" fn on_fault(address: u32) -> ! {
     guard::dark();
+    past::note_dark();
     crash_note::note_fault(address);
     guard::reset_now()
 }
@@ -139,6 +141,7 @@ unsafe fn DefaultHandler(_: i16) -> ! {
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {
     guard::dark();
+    past::note_dark();
     crash_note::note_panic(info);
     guard::reset_now()
 }

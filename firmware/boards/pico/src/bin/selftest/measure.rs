@@ -82,6 +82,18 @@ pub async fn all<L: LinkTx>(
     table
         .exactly("hard fault noted", 1, noted(past.fault_is_noted), "")
         .await?;
+    let overflow = noted(past.overflow_is_noted);
+    table
+        .exactly("stack overflow noted", 1, overflow, "")
+        .await?;
+    table
+        .exactly(
+            "laser and lamps low behind them",
+            3,
+            past.times_dark.into(),
+            "",
+        )
+        .await?;
     let starts = past.more_starts.into();
     table
         .exactly("starts that nobody asked for", 0, starts, "")
