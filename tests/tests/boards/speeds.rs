@@ -224,7 +224,7 @@ mod long {
     }
 
     #[test]
-    #[ignore = "an hour: an emulator needs ten seconds for one"]
+    #[ignore = "a minute and more: the line of 300 baud takes its time"]
     fn on_the_emulated_pico() {
         if let Some(mut rig) = PicoRig::start_or_skip() {
             sessions(&mut rig);
