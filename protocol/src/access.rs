@@ -183,7 +183,9 @@ pub enum AccessRefusal {
     NotAKey,
     /// The frame is not of the session that the board has: it ended, or the frame was changed or
     /// came twice.
-    #[error("the board knows of no such session (it may have started anew): ask again")]
+    #[error(
+        "the board knows of no such session (it may have started anew, or the session was idle for longer than its owner allows): ask again"
+    )]
     NoSession,
 }
 

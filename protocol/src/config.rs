@@ -1,5 +1,7 @@
 //! A board's configuration: what its owner allows, whatever a job asks for.
 
+use core::ops::RangeInclusive;
+
 use heapless::Vec;
 use postcard_derive::Schema;
 use serde::{Deserialize, Serialize};
@@ -17,6 +19,10 @@ pub struct BoardConfig {
     pub ceilings: Ceilings,
     /// What the journal does when it is full.
     pub journal: JournalConfig,
+    /// What keys and the board's button may do, within what the roles allow. What is added stands
+    /// last and is zeros on a new board: so a record of before is read
+    /// ([`crate::message::Record::ConfigSet`]).
+    pub access: AccessConfig,
 }
 
 impl BoardConfig {
@@ -26,6 +32,7 @@ impl BoardConfig {
         journal: JournalConfig {
             full: WhenFull::Overwrite,
         },
+        access: AccessConfig::NEW,
     };
 }
 
@@ -109,6 +116,62 @@ pub enum WhenFull {
     Refuse,
 }
 
+/// What keys and the board's button may do, within what the roles allow.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[postcard(crate = crate)]
+#[serde(default, deny_unknown_fields)]
+pub struct AccessConfig {
+    /// Who reads a board that its owner has locked.
+    pub locked_reading: LockedReading,
+    /// A session ends when its host has asked nothing for so many seconds; none: it ends with the
+    /// connection.
+    pub session_idle_s: Option<u32>,
+    /// The board's button asks for no teaching: only who has an engineer's key does, and the
+    /// control's own lines.
+    pub button_off: bool,
+}
+
+/// Who reads a board that its owner has locked.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema, IntoStaticStr,
+)]
+#[postcard(crate = crate)]
+#[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
+pub enum LockedReading {
+    /// Who has a key, of an operator at least.
+    #[default]
+    Operators,
+    /// Nobody, before an owner unlocks it.
+    Nobody,
+}
+
+/// What [`AccessConfig::session_idle_s`] may be: a host that works asks more often than the least.
+pub const SESSION_IDLE_S: RangeInclusive<u32> = 10..=86_400;
+
+impl AccessConfig {
+    /// Of a new board.
+    pub const NEW: Self = Self {
+        locked_reading: LockedReading::Operators,
+        session_idle_s: None,
+        button_off: false,
+    };
+
+    fn has_bad_idle(&self) -> bool {
+        let given = self.session_idle_s;
+        given.is_some_and(|given| !SESSION_IDLE_S.contains(&given))
+    }
+
+    /// For so long a session lives without a request, microseconds. What is too short to be worked
+    /// with is the least that is not.
+    #[must_use]
+    pub fn session_idle_us(&self) -> u64 {
+        self.session_idle_s.map_or(u64::MAX, |given| {
+            u64::from(given.max(*SESSION_IDLE_S.start())) * 1_000_000
+        })
+    }
+}
+
 /// A field of the configuration, by its name.
 #[derive(
     Clone,
@@ -148,6 +211,12 @@ pub enum ConfigField {
     Always,
     #[strum(serialize = "journal.full")]
     Full,
+    #[strum(serialize = "access.locked_reading")]
+    LockedReading,
+    #[strum(serialize = "access.session_idle_s")]
+    SessionIdleS,
+    #[strum(serialize = "access.button_off")]
+    ButtonOff,
 }
 
 /// How many fields there are.
@@ -168,16 +237,19 @@ impl ConfigField {
 }
 
 impl Ceilings {
-    const fn numbers(&self) -> [(ConfigField, Option<f64>); 8] {
+    fn numbers(&mut self) -> [(ConfigField, &mut Option<f64>); 8] {
         [
-            (ConfigField::RadiusErrorMm, self.radius_error_mm),
-            (ConfigField::RmsMm, self.rms_mm),
-            (ConfigField::DistanceErrorMm, self.distance_error_mm),
-            (ConfigField::RegistrationRmsMm, self.registration_rms_mm),
-            (ConfigField::RotationDeg, self.rotation_deg),
-            (ConfigField::TiltDeg, self.tilt_deg),
-            (ConfigField::ShiftMm, self.shift_mm),
-            (ConfigField::ExpectedErrorMm, self.expected_error_mm),
+            (ConfigField::RadiusErrorMm, &mut self.radius_error_mm),
+            (ConfigField::RmsMm, &mut self.rms_mm),
+            (ConfigField::DistanceErrorMm, &mut self.distance_error_mm),
+            (
+                ConfigField::RegistrationRmsMm,
+                &mut self.registration_rms_mm,
+            ),
+            (ConfigField::RotationDeg, &mut self.rotation_deg),
+            (ConfigField::TiltDeg, &mut self.tilt_deg),
+            (ConfigField::ShiftMm, &mut self.shift_mm),
+            (ConfigField::ExpectedErrorMm, &mut self.expected_error_mm),
         ]
     }
 
@@ -240,15 +312,32 @@ impl BoardConfig {
     /// Whether it can be used.
     ///
     /// # Errors
-    /// The first field that is not a number above zero.
+    /// The first field that cannot: a ceiling that is no number above zero, a time that is not
+    /// within [`SESSION_IDLE_S`].
     pub fn check(&self) -> Result<(), ConfigField> {
-        let bad = |of: &&(ConfigField, Option<f64>)| {
-            of.1.is_some_and(|value| !(value.is_finite() && value > 0.0))
-        };
-        match self.ceilings.numbers().iter().find(bad) {
-            Some((field, _)) => Err(*field),
+        let mut copy = *self;
+        match copy.strict_where_bad().first() {
+            Some(field) => Err(*field),
             None => Ok(()),
         }
+    }
+
+    /// Makes each field that cannot be used as strict as it can be, and says which these are. They
+    /// cannot be used then either: no job fits, until the owner has set another.
+    pub fn strict_where_bad(&mut self) -> Fallbacks {
+        let mut bad = Fallbacks::new();
+        for (field, number) in self.ceilings.numbers() {
+            if number.is_some_and(|value| !(value.is_finite() && value > 0.0)) {
+                *number = Some(0.0);
+                // There is room for every field.
+                let _ = bad.push(field);
+            }
+        }
+        if self.access.has_bad_idle() {
+            self.access.session_idle_s = Some(0);
+            let _ = bad.push(ConfigField::SessionIdleS);
+        }
+        bad
     }
 
     /// As strict as it can be, where nothing of what was set can be read: no job fits, and
@@ -271,6 +360,11 @@ impl BoardConfig {
             },
             journal: JournalConfig {
                 full: WhenFull::Refuse,
+            },
+            access: AccessConfig {
+                locked_reading: LockedReading::Nobody,
+                session_idle_s: Some(0),
+                button_off: true,
             },
         }
     }

@@ -165,6 +165,7 @@ impl<F: Flash> App<F> {
             storage.erase();
         }
         let opened = measure.start(boot, storage, now);
+        guarded.follow(&measure.ledger.in_custody().config.access);
         guarded.end_wipe(now, &mut measure);
         self.line.note_settings(measure.line());
         Ok(opened)

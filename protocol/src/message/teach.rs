@@ -36,6 +36,11 @@ pub enum TeachRefusal {
         "the job has no [guards.learned]: there are no limits that one more clamping could widen"
     )]
     NoLearned,
+    /// The board's owner lets the button ask for nothing.
+    #[error(
+        "the board's owner lets its button teach nothing (access.button_off): ask with `umi teach` and an engineer's key"
+    )]
+    ButtonOff,
 }
 
 /// What the setup that comes next is to teach.

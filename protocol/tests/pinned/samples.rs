@@ -7,7 +7,9 @@ use umi_protocol::access::{
     AccessChange, AccessInfo, AccessMode, AccessRefusal, KeyId, KeyInfo, KeyName, Role, SessionAsk,
     SessionChallenge,
 };
-use umi_protocol::config::{BoardConfig, Ceilings, ConfigField, JournalConfig, WhenFull};
+use umi_protocol::config::{
+    AccessConfig, BoardConfig, Ceilings, ConfigField, JournalConfig, LockedReading, WhenFull,
+};
 use umi_protocol::fault::{Counters, Fault, FaultCode, FaultKind};
 use umi_protocol::feature::{FeatureResult, FitReport, Shape};
 use umi_protocol::head::{EvidenceMark, Head, HeadAnswer};
@@ -522,6 +524,11 @@ fn config() -> BoardConfig {
         },
         journal: JournalConfig {
             full: WhenFull::Refuse,
+        },
+        access: AccessConfig {
+            locked_reading: LockedReading::Nobody,
+            session_idle_s: Some(600),
+            button_off: true,
         },
     }
 }

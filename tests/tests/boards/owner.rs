@@ -9,7 +9,7 @@ use umi_client::journal::verify::verify;
 use umi_client::journal::{self, PullRequest, PullStep};
 use umi_client::problem::Problem;
 use umi_protocol::access::{AccessMode, AccessRefusal, KeyInfo, KeyName, Role};
-use umi_protocol::config::BoardConfig;
+use umi_protocol::config::{BoardConfig, LockedReading};
 use umi_protocol::message::Record;
 use umi_tests::cases::{clamping, job, judged, patience};
 use umi_tests::rig::{PicoRig, QemuRig, Rig};
@@ -149,6 +149,9 @@ fn has_an_owner(rig: &mut impl Jumper) {
     narrow.ceilings.rms_mm = Some(1e-6);
     let refused = client.set_config(&narrow).unwrap();
     assert!(matches!(refused, Err(ConfigRefusal::Job(_))), "{refused:?}");
+    let mut closed = BoardConfig::default();
+    closed.access.locked_reading = LockedReading::Nobody;
+    client.set_config(&closed).unwrap().unwrap();
     assert!(client.lock(true).unwrap());
     drop(client);
     rig.close(false);
@@ -163,6 +166,8 @@ fn has_an_owner(rig: &mut impl Jumper) {
     assert_eq!(access.board_key, Some(board_key));
     let refused = client.set_job(&job()).unwrap_err();
     assert!(matches!(refused, LinkError::Refused(AccessRefusal::Locked)));
+    let unread = client.job().unwrap_err();
+    assert!(matches!(unread, LinkError::Refused(AccessRefusal::Locked)));
     assert!(client.lock(false).unwrap());
     let refused = client.wipe().unwrap_err();
     assert!(

@@ -9,7 +9,9 @@ use umi_client::board::link::{Client, LinkError, Transport};
 use umi_client::files::key_file::SigningKey;
 use umi_core::trust::access::permit::permit;
 use umi_core::trust::access::session::{HostHandshake, HostSession};
+use umi_core::units::Micros;
 use umi_protocol::access::{AccessMode, AccessRefusal, KeyInfo, KeyName, Role};
+use umi_protocol::config::{BoardConfig, LockedReading};
 use umi_protocol::decoder::Decoder;
 use umi_protocol::frame::{Authenticated, MAX_BOARD_FRAME, MAX_HOST_FRAME, encode, encode_sealed};
 use umi_protocol::message::{Record, Request, Response};
@@ -93,6 +95,15 @@ impl Raw {
     }
 
     fn ask(&mut self, request: &Request) -> Response {
+        self.asked(request, true)
+    }
+
+    /// As [`Self::ask`], where the board is to answer without a seal.
+    fn ask_unsealed(&mut self, request: &Request) -> Response {
+        self.asked(request, false)
+    }
+
+    fn asked(&mut self, request: &Request, is_sealed: bool) -> Response {
         self.sequence += 1;
         let mut out = [0; MAX_HOST_FRAME];
         let frame = match &mut self.session {
@@ -115,7 +126,7 @@ impl Raw {
                 if frame.sequence != self.sequence {
                     continue;
                 }
-                let Some(session) = &self.session else {
+                let Some(session) = self.session.as_ref().filter(|_| is_sealed) else {
                     return frame.open().unwrap();
                 };
                 let (inner, authenticated, code) = frame.unsealed().expect("a seal");
@@ -144,8 +155,15 @@ fn requests() -> Vec<Request> {
 #[test]
 fn a_board_asks_for_the_key_that_the_table_names() {
     let mut tried = 0;
-    for mode in AccessMode::ALL {
+    let readings = [LockedReading::Operators, LockedReading::Nobody];
+    let modes = AccessMode::ALL.map(|mode| readings.map(|reading| (mode, reading)));
+    for (mode, reading) in modes.into_iter().flatten() {
         let board = VirtualBoard::start(config()).unwrap();
+        let mut configured = BoardConfig::NEW;
+        configured.access.locked_reading = reading;
+        let mut host = umi_desk::client(&board).unwrap();
+        host.set_config(&configured).unwrap().unwrap();
+        drop(host);
         if mode != AccessMode::Open {
             claim(&board);
         }
@@ -170,10 +188,10 @@ fn a_board_asks_for_the_key_that_the_table_names() {
                     request,
                     Request::Wipe | Request::SessionProve { .. } | Request::SessionBegin(_)
                 );
-                if ends && permit(mode, role, &request).is_ok() {
+                if ends && permit(mode, role, &request, reading).is_ok() {
                     continue;
                 }
-                let expected = permit(mode, role, &request);
+                let expected = permit(mode, role, &request, reading);
                 let answer = raw.ask(&request);
                 assert!(request.is_answered_by(&answer), "{request:?}: {answer:?}");
                 match (expected, &answer) {
@@ -208,7 +226,7 @@ fn a_board_asks_for_the_key_that_the_table_names() {
             }
         }
     }
-    assert!(tried > 320, "{tried}");
+    assert!(tried > 640, "{tried}");
 }
 
 /// Everything a host writes, in the pieces in which it writes it.
@@ -259,6 +277,59 @@ fn state(board: &VirtualBoard) -> String {
     )
 }
 
+/// A session whose host has asked nothing for longer than the owner allows is over: whatever it seals
+/// then is refused, the laser too, and nothing changes; one that asks in time goes on. A right key opens
+/// the next at once. It holds behind a restart.
+#[test]
+fn an_idle_session_is_proven_again() {
+    let config = config();
+    let board = VirtualBoard::start(config.clone()).unwrap();
+    claim(&board);
+    let mut configured = BoardConfig::NEW;
+    configured.access.session_idle_s = Some(60);
+    let mut owner = authenticated(&board, OWNER);
+    owner.set_config(&configured).unwrap().unwrap();
+    drop((owner, board));
+
+    let board = VirtualBoard::start(config).unwrap();
+    let minute = 60_000_000;
+    let mut now = 0;
+    let mut later = |us: u64| {
+        now += us;
+        board.advance(Micros(now));
+    };
+    for last in [
+        Request::LaserSet { on: true },
+        Request::JobSet(job()),
+        Request::LockSet { locked: true },
+        Request::JobGet,
+        Request::PositionsGet,
+    ] {
+        let mut raw = Raw::new(&board, Some(OWNER));
+        for _ in 0..3 {
+            later(minute - 1);
+            assert!(matches!(raw.ask(&Request::JobGet), Response::Job { .. }));
+        }
+        later(minute + 1);
+        // The answer has no seal: there is no session that could have one.
+        assert_eq!(
+            raw.ask_unsealed(&last),
+            Response::AccessRefused(AccessRefusal::NoSession)
+        );
+        let again = raw.ask_unsealed(&Request::JobGet);
+        assert_eq!(again, Response::AccessRefused(AccessRefusal::NoSession));
+        let mut raw = Raw::new(&board, Some(OWNER));
+        assert!(matches!(
+            raw.ask(&Request::JobGet),
+            Response::Job { job: None, .. }
+        ));
+        let Response::Access(access) = raw.ask(&Request::AccessGet) else {
+            panic!("no access");
+        };
+        assert_eq!(access.mode, AccessMode::Claimed);
+    }
+}
+
 /// What was recorded of a session of an owner that changes all there is: played again whole, frame
 /// by frame, backwards, doubled, shuffled, on another board of the same owner, and after a restart,
 /// it changes nothing, and the next honest session works at once.
@@ -276,7 +347,7 @@ fn a_session_that_is_played_again_changes_nothing() {
     assert_eq!(owner.authenticate(&secret(OWNER)).unwrap(), Role::Owner);
     owner.set_job(&job()).unwrap().unwrap();
     assert!(owner.key_enrol(&key(9, Role::Owner)).unwrap());
-    let mut ceilings = umi_protocol::config::BoardConfig::default();
+    let mut ceilings = BoardConfig::default();
     ceilings.journal.full = umi_protocol::config::WhenFull::Refuse;
     owner.set_config(&ceilings).unwrap().unwrap();
     assert!(owner.laser(true).unwrap());

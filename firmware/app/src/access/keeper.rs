@@ -16,6 +16,7 @@ use umi_core::units::Micros;
 use umi_protocol::access::{
     AccessChange, AccessRefusal, KeyInfo, MAX_KEYS, Role, SessionAsk, SessionChallenge,
 };
+use umi_protocol::config::AccessConfig;
 use umi_protocol::frame::{Authenticated, CODE};
 use umi_protocol::immediate::SessionRequest;
 use umi_protocol::message::Request;
@@ -51,6 +52,10 @@ pub struct Keeper<F: Flash> {
     handshake: Option<BoardHandshake>,
     /// The session, and its host's key.
     session: Option<(BoardSession, [u8; 32])>,
+    /// When it was heard of last.
+    heard: Micros,
+    /// For so long it lives without a request.
+    idle_us: u64,
 }
 
 impl<F: Flash> Keeper<F> {
@@ -86,6 +91,8 @@ impl<F: Flash> Keeper<F> {
             worked: None,
             handshake: None,
             session: None,
+            heard: Micros(0),
+            idle_us: AccessConfig::NEW.session_idle_us(),
         };
         if let Some(started) = keeper.register.started(at_start) {
             // What is not kept is counted by the next start.
@@ -188,6 +195,11 @@ impl<F: Flash> Keeper<F> {
     #[must_use]
     pub fn register(&self) -> &KeyRegister {
         &self.register
+    }
+
+    /// Does from now on as the owner has set, also with the session that there is.
+    pub fn follow(&mut self, config: &AccessConfig) {
+        self.idle_us = config.session_idle_us();
     }
 
     /// Does what an owner asks, and has it journaled before it is kept; false: one of the two failed.
@@ -323,19 +335,32 @@ impl<F: Flash> Keeper<F> {
             (Some((session, signature)), Some(role)) => {
                 self.tries.right();
                 self.keep_tries(now);
-                self.session = Some((session, key));
+                (self.session, self.heard) = (Some((session, key)), now);
                 Ok((role, signature))
             }
             _ => Err(self.wrong(now, AccessRefusal::KeyWrong, Some(&key))),
         }
     }
 
-    /// Who has sealed this; none: not the session's host, or not now.
-    pub fn takes(&mut self, of: &Authenticated<'_>, code: &[u8; CODE]) -> Option<Caller> {
+    /// Who has sealed this; none: not the session's host, or not now. A session that was idle for
+    /// longer than the owner allows is gone with the first frame behind that.
+    pub fn takes(
+        &mut self,
+        now: Micros,
+        of: &Authenticated<'_>,
+        code: &[u8; CODE],
+    ) -> Option<Caller> {
+        if now.0.saturating_sub(self.heard.0) > self.idle_us {
+            self.session = None;
+        }
         let (session, key) = self.session.as_mut()?;
         // A key that was revoked meanwhile has no session any more.
         let role = self.register.role_of(key)?;
-        session.takes(of, code).then(|| Caller {
+        if !session.takes(of, code) {
+            return None;
+        }
+        self.heard = now;
+        Some(Caller {
             role,
             key_id: Some(key_id(key)),
             counter: Some(session.counter()),

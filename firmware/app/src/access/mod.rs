@@ -31,6 +31,7 @@ use umi_core::zero_option::ZeroOption;
 use umi_protocol::access::{
     AccessChange, AccessInfo, AccessMode, AccessRefusal, KeyId, Keys, Role, SessionAsk,
 };
+use umi_protocol::config::{AccessConfig, LockedReading};
 use umi_protocol::frame::{Authenticated, CODE, Frame};
 use umi_protocol::immediate::{ImmediateRequest, SessionRequest};
 use umi_protocol::message::{Record, Request, Response};
@@ -108,17 +109,24 @@ impl<F: Flash> Guarded<F> {
         keeper.map_or(AccessMode::Open, |keeper| keeper.register().mode())
     }
 
+    /// Does from now on as the owner has set.
+    pub fn follow(&mut self, config: &AccessConfig) {
+        if let Some(keeper) = self.keeper() {
+            keeper.follow(config);
+        }
+    }
+
     /// A wipe that has begun and not ended.
     pub fn wiping(&self) -> Option<Wiping> {
         self.look()?.register().wiping
     }
 
     /// Who has sent a frame, and the frame without its seal; none: its seal is not the session's.
-    pub fn opened<'f>(&mut self, frame: &Frame<'f>) -> Option<(Frame<'f>, Caller)> {
+    pub fn opened<'f>(&mut self, frame: &Frame<'f>, now: Micros) -> Option<(Frame<'f>, Caller)> {
         match frame.unsealed() {
             None => Some((*frame, Caller::NOBODY)),
             Some((inner, authenticated, code)) => {
-                let caller = self.keeper()?.takes(&authenticated, code)?;
+                let caller = self.keeper()?.takes(now, &authenticated, code)?;
                 Some((inner, caller))
             }
         }
@@ -158,9 +166,14 @@ impl<F: Flash> Guarded<F> {
     }
 
     /// Whether somebody may ask for this.
-    fn admits(&mut self, caller: &Caller, request: &Request) -> Result<(), AccessRefusal> {
+    fn admits(
+        &mut self,
+        caller: &Caller,
+        request: &Request,
+        locked_reading: LockedReading,
+    ) -> Result<(), AccessRefusal> {
         let mode = self.mode();
-        let permitted = permit(mode, caller.role, request);
+        let permitted = permit(mode, caller.role, request, locked_reading);
         let Some(keeper) = self.keeper() else {
             return permitted;
         };
@@ -227,7 +240,8 @@ pub(crate) fn admit<F: Flash>(
     caller: &Caller,
     request: &Request,
 ) -> Result<(), AccessRefusal> {
-    let admitted = guarded.admits(caller, request);
+    let locked_reading = measure.ledger.in_custody().config.access.locked_reading;
+    let admitted = guarded.admits(caller, request, locked_reading);
     if let Err(why) = admitted {
         measure.refuse_access(now, why, caller.key_id);
     }

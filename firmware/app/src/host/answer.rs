@@ -81,7 +81,7 @@ pub(crate) fn answer<F: Flash>(
         Request::JournalChain { seq } => journal(measure, |of, acked| chain(of, *seq, acked)),
         Request::JournalAck { seq } => acknowledge(measure, around.now, *seq),
         Request::ConfigGet => config(measure),
-        Request::ConfigSet(config) => set_config(measure, around.now, config),
+        Request::ConfigSet(config) => set_config(measure, around.guarded, around.now, config),
         Request::PositionsGet => immediate(station, ImmediateRequest::Positions),
         Request::TriggerOutSet(when) => immediate(station, ImmediateRequest::TriggerOut(*when)),
         Request::LaserSet { on } => immediate(station, ImmediateRequest::Laser(*on)),
@@ -286,11 +286,15 @@ fn config<F: Flash>(measure: &Instrument<F>) -> Response {
 #[inline(never)]
 fn set_config<F: Flash>(
     measure: &mut Instrument<F>,
+    guarded: &mut Guarded<F>,
     now: Micros,
     config: &BoardConfig,
 ) -> Response {
     match measure.set_config(now, config) {
-        Ok(()) => Response::Done,
+        Ok(()) => {
+            guarded.follow(&config.access);
+            Response::Done
+        }
         Err(ConfigError::Field(field)) => Response::ConfigRefused(field),
         Err(ConfigError::Job(error)) => Response::JobRefused(error),
         Err(ConfigError::NotOnThisBoard) => Response::NotOnThisBoard,

@@ -190,7 +190,7 @@ async fn connection<F: Flash>(
                     ) {
                         liveness.now(clock);
                     }
-                    let came = guarded.opened(&frame);
+                    let came = guarded.opened(&frame, clock.now());
                     let takes_long = came
                         .as_ref()
                         .is_some_and(|(frame, _)| guarded.prepare(frame, &app.prover));

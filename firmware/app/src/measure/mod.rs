@@ -304,10 +304,13 @@ impl<F: Flash> Instrument<F> {
     }
 
     /// The board's button was held: as a host that asks to teach, and as little as it does a
-    /// button replace a reference that there is.
+    /// button replace a reference that there is; nothing where the owner has switched it off.
     fn held(&mut self, now: Micros) {
         let Self { brain, ledger, .. } = self;
-        let refused = brain.run().may_teach(TeachWhat::Reference).err();
+        let refused = match ledger.in_custody().config.access.button_off {
+            true => Some(TeachRefusal::ButtonOff),
+            false => brain.run().may_teach(TeachWhat::Reference).err(),
+        };
         if refused.is_none() {
             ledger.forget();
         }

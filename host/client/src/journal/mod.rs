@@ -9,6 +9,7 @@ pub mod verify;
 use std::fmt;
 
 use umi_core::journal::{Chain, Entry, Gap, JournalFault};
+use umi_protocol::config::AccessConfig;
 use umi_protocol::job::{Guards, Teach};
 use umi_protocol::message::{JournalInfo, Record};
 use umi_protocol::program::Stated;
@@ -121,6 +122,7 @@ fn older(entry: &Entry<'_>) -> Option<Record> {
             | ALARM_SENT
             | TEACH_ASKED
             | HEAD
+            | CONFIG_SET
     );
     let mut bytes = entry.payload.to_vec();
     bytes.resize(bytes.len() + ADDED, 0);
@@ -139,6 +141,7 @@ const ALARM_SENT: u8 = 17;
 const TEACH_ASKED: u8 = 22;
 /// Kind number of [`Record::Head`].
 const HEAD: u8 = 24;
+const CONFIG_SET: u8 = 28;
 
 /// Nothing in it was added since. A record that broke off earlier would have zeros elsewhere,
 /// too; entries are whole by their check value, so there is none.
@@ -160,6 +163,7 @@ fn is_plain(record: &Record) -> bool {
         Record::TeachAsked { keep, .. } => !keep,
         Record::AlarmSent { run, .. } => run.is_none(),
         Record::Head(head) => head.evidence.is_none(),
+        Record::ConfigSet(config) => config.access == AccessConfig::NEW,
         _ => false,
     }
 }

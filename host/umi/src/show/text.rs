@@ -224,7 +224,11 @@ pub fn record(record: &Record) -> String {
                 false => "ceilings",
             };
             let full: &str = of.journal.full.into();
-            format!("configuration in force: {ceilings}; journal full: {full}")
+            let access = match of.access == umi_protocol::config::AccessConfig::NEW {
+                true => "",
+                false => "; access as its owner has set",
+            };
+            format!("configuration in force: {ceilings}; journal full: {full}{access}")
         }
         Record::LastRun { run } => format!("the greatest run that was judged before is {run}"),
         Record::Feature(of) => feature(of),

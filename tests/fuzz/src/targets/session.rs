@@ -22,6 +22,7 @@ use umi_core::trust::access::session::{HostHandshake, HostSession, SignaturePart
 use umi_core::trust::board_key::{NoEntropy, key_id};
 use umi_core::units::Micros;
 use umi_protocol::access::{AccessMode, KeyInfo, KeyName, Role, SessionChallenge};
+use umi_protocol::config::LockedReading;
 use umi_protocol::decoder::Decoder;
 use umi_protocol::frame::{Authenticated, CODE, MAX_HOST_FRAME, encode, encode_sealed};
 use umi_protocol::immediate::SessionRequest;
@@ -186,17 +187,19 @@ impl Scene {
         while let Some(frame) = self.decoder.next_frame(&mut bytes) {
             let (inner, caller) = match frame.unsealed() {
                 None => (frame, Caller::NOBODY),
-                Some((inner, authenticated, code)) => match self.gate.takes(&authenticated, code) {
-                    Some(caller) => (inner, caller),
-                    None => continue,
-                },
+                Some((inner, authenticated, code)) => {
+                    match self.gate.takes(now, &authenticated, code) {
+                        Some(caller) => (inner, caller),
+                        None => continue,
+                    }
+                }
             };
             let Ok(request) = inner.open::<Request>() else {
                 continue;
             };
             let mode = self.gate.register().mode();
             assert_ne!(mode, AccessMode::Open);
-            if permit(mode, caller.role, &request).is_err() {
+            if permit(mode, caller.role, &request, LockedReading::Operators).is_err() {
                 continue;
             }
             let asked = SessionRequest::of(&inner);

@@ -299,6 +299,53 @@ fn a_challenge_is_used_once() {
     assert_eq!(again.told, AccessRefusal::KeyWrong);
 }
 
+/// A session that was idle for longer than the owner allows is over, and what its host has sealed
+/// counts no more; one whose host asks in time goes on, and without a limit it ends with the
+/// connection only. What the owner sets holds at once, also for the session that there is.
+#[test]
+fn an_idle_session_is_over() {
+    let owner = SigningKey::from_bytes(&[1; 32]);
+    let config = |session_idle_s| AccessConfig {
+        session_idle_s,
+        ..AccessConfig::NEW
+    };
+    let year = 31_536_000_000_000;
+    for (set, gap_us, lives) in [
+        (Some(60), 60_000_000, true),
+        (Some(60), 60_000_001, false),
+        (None, year, true),
+        // What could not be read is the shortest that can be worked with.
+        (Some(0), 10_000_000, true),
+        (Some(0), 10_000_001, false),
+    ] {
+        let mut keeper = open(Cut::whole(&erased()), false);
+        let claimed = keeper.register().enrolled(&key(1, Role::Owner));
+        keeper.save(Micros(0), claimed.unwrap().unwrap()).unwrap();
+        let handshake = HostHandshake::new(&owner, [4; 32]);
+        let challenge = begin(&mut keeper, handshake.ask());
+        let (signature, proof) = handshake.prove(&owner, &challenge).unwrap();
+        let (_, signature) = prove(&mut keeper, signature).unwrap();
+        let mut session = proof.open(signature).unwrap();
+        keeper.follow(&config(set));
+        let mut ask = |keeper: &mut Keeper<Cut>, at: u64| {
+            let of = Authenticated {
+                header: Default::default(),
+                counter: session.count(),
+                message: b"a request",
+            };
+            keeper.takes(Micros(at), &of, &session.code(&of)).is_some()
+        };
+        let mut now = 0;
+        for _ in 0..3 {
+            now += 9_000_000;
+            assert!(ask(&mut keeper, now), "{set:?}: a host that asks");
+        }
+        now += gap_us;
+        assert_eq!(ask(&mut keeper, now), lives, "{set:?} {gap_us}");
+        assert_eq!(ask(&mut keeper, now + 1), lives, "it does not come again");
+    }
+}
+
 /// A wipe leaves no key in the flash.
 #[test]
 fn a_wipe_leaves_no_key_behind() {
@@ -338,9 +385,8 @@ impl Areas {
         }
     }
 
-    /// A start, with power for so long: the mode, the configuration, and whether the journal tells
-    /// of a wipe.
-    fn start(&self, power: &Cut) -> (AccessMode, BoardConfig, bool) {
+    /// A start, with power for so long.
+    fn started(&self, power: &Cut) -> Box<crate::App<Cut>> {
         let app = Box::new(crate::App::new());
         let keeper = open(power.beside(&self.access), true);
         app.guard(keeper).unwrap();
@@ -368,6 +414,12 @@ impl Areas {
             programs: power.beside(&self.programs),
         };
         let _ = app.start(boot, storage, Micros(0)).unwrap();
+        app
+    }
+
+    /// A start: the mode, the configuration, and whether the journal tells of a wipe.
+    fn start(&self, power: &Cut) -> (AccessMode, BoardConfig, bool) {
+        let app = self.started(power);
         let mode = app.guarded.try_lock().unwrap().mode();
         let mut measure = app.measure.try_lock().unwrap();
         let config = measure.ledger.in_custody().config;

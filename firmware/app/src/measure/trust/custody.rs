@@ -4,6 +4,11 @@
 //! All of it stands in one entry of a small journal of its own, so that it changes together or not
 //! at all; the newest entry counts.
 //!
+//! An entry of the layout before this one is read, and what it does not say is as on a new board.
+//! It is written anew where something is to be kept, and not before: a firmware that is put back
+//! after a trial finds what it had kept. A power cut on the way leaves the old entry or the new one.
+//! A single field that cannot be used is as strict as it can be, and the others are as they were.
+//!
 //! # Limitations
 //!
 //! Each entry is written twice, so that damage at rest in one of them costs nothing. If none can be read where something was, or the ring itself cannot be
@@ -14,11 +19,16 @@
 use serde::{Deserialize, Serialize};
 use umi_core::journal::{Flash, Journal};
 use umi_core::units::Micros;
-use umi_protocol::config::{BoardConfig, ConfigField, Fallbacks};
+use umi_protocol::config::{
+    AccessConfig, BoardConfig, Ceilings, ConfigField, Fallbacks, JournalConfig,
+};
 use umi_protocol::job_error::JobError;
 
-/// Kind number of the only entry there is. A later layout gets another.
-const KIND: u8 = 1;
+/// Kind number of the entries. A later layout gets another.
+const KIND: u8 = 2;
+
+/// Of the layout before: [`KeptBefore`].
+const KIND_BEFORE: u8 = 1;
 
 /// Bytes of an entry, at most: eight numbers of nine bytes, and some.
 const MOST: usize = 128;
@@ -31,6 +41,29 @@ pub(crate) struct Kept {
     pub acked: u64,
     /// The greatest run that was judged with the job in force.
     pub last_run: Option<u32>,
+}
+
+/// What was kept before there was `[access]` (protocol 2.23).
+#[derive(Deserialize)]
+struct KeptBefore {
+    ceilings: Ceilings,
+    journal: JournalConfig,
+    acked: u64,
+    last_run: Option<u32>,
+}
+
+impl From<KeptBefore> for Kept {
+    fn from(before: KeptBefore) -> Self {
+        Self {
+            config: BoardConfig {
+                ceilings: before.ceilings,
+                journal: before.journal,
+                access: AccessConfig::NEW,
+            },
+            acked: before.acked,
+            last_run: before.last_run,
+        }
+    }
 }
 
 /// On a new board, and on one without the ring.
@@ -105,11 +138,15 @@ impl<F: Flash> Custody<F> {
         &self.kept
     }
 
-    /// Fields that could not be read.
+    /// Fields that could not be read, or not be used as they were.
     pub fn fallbacks(&self) -> Fallbacks {
         match self.is_fallback {
             true => ConfigField::ALL.iter().copied().collect(),
-            false => Fallbacks::new(),
+            // What is as strict as it can be is no more to be used than what it stands for.
+            false => {
+                let mut copy = self.kept.config;
+                copy.strict_where_bad()
+            }
         }
     }
 
@@ -135,13 +172,26 @@ impl<F: Flash> Custody<F> {
     }
 }
 
-/// An entry, if it is one that this firmware knows.
+/// An entry, if it is one that this firmware knows; what of its configuration cannot be used is as
+/// strict as it can be.
 fn read<F: Flash>(ring: &mut Journal<F>, seq: u64) -> Option<Kept> {
     let mut room = [0; MOST];
-    let found = ring.read(seq, &mut room).ok()?;
-    let found = (found.entry.kind == KIND).then_some(found.entry.payload)?;
-    let kept = postcard::from_bytes::<Kept>(found).ok()?;
-    kept.config.check().is_ok().then_some(kept)
+    let entry = ring.read(seq, &mut room).ok()?.entry;
+    let mut kept = match entry.kind {
+        KIND => whole::<Kept>(entry.payload),
+        KIND_BEFORE => whole::<KeptBefore>(entry.payload).map(Kept::from),
+        _ => None,
+    }?;
+    kept.config.strict_where_bad();
+    Some(kept)
+}
+
+/// What was kept, to the last byte: more of them would be of another layout.
+fn whole<'a, T: Deserialize<'a>>(payload: &'a [u8]) -> Option<T> {
+    match postcard::take_from_bytes(payload) {
+        Ok((kept, [])) => Some(kept),
+        _ => None,
+    }
 }
 
 /// It could not be kept.
@@ -224,6 +274,98 @@ mod tests {
         opened.save(Micros(1), configured()).unwrap();
         assert_eq!(opened.fallbacks().len(), 0);
         assert_eq!(Custody::open(flash).kept(), &configured());
+    }
+
+    /// What was kept before there was `[access]` is read, to the last byte, and is as on a new board
+    /// in what it does not say; it is written anew by what is kept next.
+    #[test]
+    fn the_layout_before_is_read() {
+        let payload = |kept: &Kept| {
+            let BoardConfig {
+                ceilings, journal, ..
+            } = kept.config;
+            let mut room = [0; MOST];
+            let before = (ceilings, journal, kept.acked, kept.last_run);
+            postcard::to_slice(&before, &mut room).unwrap().to_vec()
+        };
+        let whole = payload(&configured());
+        for (bytes, is_read) in [
+            (&whole[..], true),
+            (&whole[..whole.len() - 1], false),
+            (&[&whole[..], &[0]].concat(), false),
+        ] {
+            let flash = RamFlash::new();
+            let (mut ring, _) = Journal::open(flash.clone()).unwrap();
+            ring.append(KIND_BEFORE, Micros(0), bytes).unwrap();
+            let mut opened = Custody::open(flash.clone());
+            if !is_read {
+                assert_eq!(opened.kept().config, BoardConfig::strictest());
+                continue;
+            }
+            assert_eq!(opened.kept(), &configured());
+            assert_eq!(opened.fallbacks().len(), 0);
+            let mut next = configured();
+            next.config.access.button_off = true;
+            opened.save(Micros(1), next).unwrap();
+            assert_eq!(Custody::open(flash).kept(), &next);
+        }
+    }
+
+    /// One field that cannot be used is as strict as it can be and told, also behind a restart and
+    /// what is judged meanwhile; the others are as they were. The owner's next ends it.
+    #[test]
+    fn a_bad_field_alone_is_strict() {
+        use ConfigField::{RmsMm, SessionIdleS, TiltDeg};
+        type Spoil = fn(&mut BoardConfig);
+        let cases: [(Spoil, &[ConfigField]); 5] = [
+            (|of| of.ceilings.rms_mm = Some(-0.5), &[RmsMm]),
+            (|of| of.ceilings.tilt_deg = Some(f64::NAN), &[TiltDeg]),
+            (|of| of.access.session_idle_s = Some(9), &[SessionIdleS]),
+            (
+                |of| of.access.session_idle_s = Some(u32::MAX),
+                &[SessionIdleS],
+            ),
+            (
+                |of| {
+                    of.ceilings.rms_mm = Some(f64::INFINITY);
+                    of.ceilings.tilt_deg = Some(0.0);
+                },
+                &[RmsMm, TiltDeg],
+            ),
+        ];
+        for (spoil, told) in cases {
+            let flash = RamFlash::new();
+            let mut bad = configured();
+            bad.config.ceilings.shift_mm = Some(3.0);
+            spoil(&mut bad.config);
+            let (mut ring, _) = Journal::open(flash.clone()).unwrap();
+            let mut room = [0; MOST];
+            let payload = postcard::to_slice(&bad, &mut room).unwrap();
+            ring.append(KIND, Micros(0), payload).unwrap();
+            for run in 0..3 {
+                let mut opened = Custody::open(flash.clone());
+                assert_eq!(opened.fallbacks()[..], *told);
+                let found = *opened.kept();
+                let ceilings = found.config.ceilings;
+                assert_eq!(ceilings.shift_mm, Some(3.0), "as it was");
+                for (field, value, as_it_was) in [
+                    (RmsMm, ceilings.rms_mm, Some(0.01)),
+                    (TiltDeg, ceilings.tilt_deg, None),
+                ] {
+                    let is_bad = told.contains(&field);
+                    assert_eq!(value, if is_bad { Some(0.0) } else { as_it_was });
+                }
+                let idle = found.config.access.session_idle_us();
+                let is_bad = told.contains(&SessionIdleS);
+                assert_eq!(idle, if is_bad { 10_000_000 } else { u64::MAX });
+                let last_run = Some(run);
+                opened.save(Micros(1), Kept { last_run, ..found }).unwrap();
+                assert_eq!(Custody::open(flash.clone()).kept().last_run, last_run);
+            }
+            let mut opened = Custody::open(flash.clone());
+            opened.save(Micros(1), configured()).unwrap();
+            assert_eq!(Custody::open(flash).fallbacks().len(), 0);
+        }
     }
 
     /// A bit that has changed anywhere costs no ceiling: the configuration is as it was, or the strictest.

@@ -1,25 +1,32 @@
 //! What the protocol's table and the board's mode say to a request.
 
 use umi_protocol::access::{AccessMode, AccessRefusal, Role};
+use umi_protocol::config::LockedReading;
 use umi_protocol::message::Request;
 
 /// Whether somebody of this role may ask for that.
 ///
 /// An open board does for everybody what is asked. A claimed one demands the role of the table. A
-/// locked one answers what needs nobody's key, lets an operator's key read, and is unlocked by an
-/// owner's; entries are not acknowledged there, because that lets the board overwrite them.
+/// locked one answers what needs nobody's key, lets an operator's key read where its owner has not
+/// forbidden that ([`LockedReading`]), and is unlocked by an owner's; entries are not acknowledged
+/// there, because that lets the board overwrite them.
 ///
 /// What an owner's request demands besides ([`Request::KeyEnrol`] of the first key, [`Request::Wipe`])
 /// is the board's to look at: its jumper.
 ///
 /// # Errors
 /// Why not.
-pub fn permit(mode: AccessMode, has: Role, request: &Request) -> Result<(), AccessRefusal> {
+pub fn permit(
+    mode: AccessMode,
+    has: Role,
+    request: &Request,
+    locked_reading: LockedReading,
+) -> Result<(), AccessRefusal> {
     let needs = request.needs();
     let is_for_the_locked = match request {
         Request::LockSet { .. } => true,
         Request::JournalAck { .. } => false,
-        _ => needs <= Role::Operator,
+        _ => needs <= Role::Operator && locked_reading == LockedReading::Operators,
     };
     permit_role(mode, has, needs, is_for_the_locked)
 }
@@ -68,10 +75,14 @@ mod tests {
         let requests = requests();
         assert!(requests.len() >= 38, "{}", requests.len());
         let mut granted = 0;
-        for request in &requests {
+        let readings = [LockedReading::Operators, LockedReading::Nobody];
+        for (request, reading) in requests
+            .iter()
+            .flat_map(|request| readings.map(|reading| (request, reading)))
+        {
             let needs = request.needs();
             for has in Role::ALL {
-                let of = |mode| permit(mode, has, request);
+                let of = |mode| permit(mode, has, request, reading);
                 assert_eq!(of(AccessMode::Open), Ok(()));
                 let expected = if has >= needs {
                     Ok(())
@@ -81,19 +92,21 @@ mod tests {
                     Err(AccessRefusal::RoleTooLow { needs, has })
                 };
                 assert_eq!(of(AccessMode::Claimed), expected, "{request:?} by {has:?}");
-                let reads =
-                    needs <= Role::Operator && !matches!(request, Request::JournalAck { .. });
+                let reads = needs <= Role::Operator
+                    && reading == LockedReading::Operators
+                    && !matches!(request, Request::JournalAck { .. });
                 let locked = match request {
                     _ if needs == Role::None => Ok(()),
                     Request::LockSet { .. } => expected,
                     _ if reads => expected,
                     _ => Err(AccessRefusal::Locked),
                 };
-                assert_eq!(of(AccessMode::Locked), locked, "{request:?} by {has:?}");
+                let found = of(AccessMode::Locked);
+                assert_eq!(found, locked, "{request:?} by {has:?}, {reading:?}");
                 granted += u32::from(expected.is_ok());
             }
         }
-        assert!(granted > 80, "{granted}");
+        assert!(granted > 160, "{granted}");
     }
 
     /// Nothing that changes what is in force is for less than an engineer, and nothing that

@@ -4,9 +4,12 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 use serde_json::{Value, json};
+use umi_client::board::link::LinkError;
 use umi_client::files::key_file;
 use umi_client::journal::{self, PATIENCE, hex, key_id};
-use umi_protocol::access::{AccessInfo, AccessMode, KeyId, KeyInfo, KeyName, MAX_KEY_NAME, Role};
+use umi_protocol::access::{
+    AccessInfo, AccessMode, AccessRefusal, KeyId, KeyInfo, KeyName, MAX_KEY_NAME, Role,
+};
 
 use crate::cmd::record::log::unsigned;
 use crate::cmd::{Board, Format};
@@ -100,6 +103,14 @@ impl Access {
     }
 }
 
+/// What a board lets read; none: its owner lets nobody read while it is locked.
+pub(super) fn unless_locked<T>(asked: Result<T, LinkError>) -> Result<Option<T>, LinkError> {
+    match asked {
+        Err(LinkError::Refused(AccessRefusal::Locked)) => Ok(None),
+        other => other.map(Some),
+    }
+}
+
 /// What a mode means to somebody at the board.
 pub(super) const fn about(mode: AccessMode) -> &'static str {
     match mode {
@@ -120,7 +131,8 @@ impl Show {
         } = board.access()?;
         // Who asks without a key is not refused: that would be a record.
         let reads = mode == AccessMode::Open || board.has_session();
-        let keys = reads.then(|| board.keys()).transpose()?;
+        let keys = reads.then(|| unless_locked(board.keys())).transpose()?;
+        let keys = keys.flatten();
         if self.format.json {
             let board_key =
                 board_key.map(|key| json!({"key_id": key_id(&key), "public": hex(&key)}));

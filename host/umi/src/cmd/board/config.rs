@@ -18,13 +18,17 @@ use crate::show::terminal::{CAUTION, GOOD, paint, print, print_json};
 #[command(after_help = "\
 Ceilings bound the limits of every job that anybody sets: a job with a wider limit is refused
 (beyond_ceiling). `journal.full = refuse` has the board send nothing before evidence would be
-overwritten that nobody has acknowledged (umi log ack).
+overwritten that nobody has acknowledged (umi log ack). [access]: `locked_reading = nobody` keeps a
+locked board's jobs, programs and journal from every key until an owner unlocks it;
+`session_idle_s` ends a session whose host asks nothing for so long; `button_off` has the board's
+button teach nothing. Keys are no configuration: umi access.
 
 Examples:
   umi config get > board.toml
   umi config set ceilings.rms_mm 0.01
   umi config set ceilings.always false
   umi config set journal.full refuse
+  umi config set access.session_idle_s 600
   umi config apply board.toml")]
 pub(crate) struct Config {
     #[command(subcommand)]
@@ -64,7 +68,7 @@ struct Set {
     /// The field, as `ceilings.rms_mm`
     #[arg(value_name = "FIELD")]
     field: String,
-    /// Its value; `none` takes a ceiling away
+    /// Its value; `none` takes a number away
     #[arg(value_name = "VALUE", allow_negative_numbers = true)]
     value: String,
     #[command(flatten)]
@@ -148,8 +152,16 @@ impl Get {
 impl Set {
     fn run(self) -> Result<(), Failure> {
         let mut board = self.board.connect()?;
-        let (before, _) = read_board(&mut board)?;
-        let config = config_file::set(&before, &self.field, &self.value)?;
+        let (before, fallbacks) = read_board(&mut board)?;
+        let config = config_file::set(&before, &self.field, &self.value);
+        let config = match config {
+            // Another field than the one that was set.
+            Err(problem) if fallbacks.iter().any(|of| of.name() != self.field) => {
+                let note = "\nthe board could not read what was set before (umi config get): set all fields at once, by `umi config apply`";
+                return Err(Failure::from(problem).noted(note));
+            }
+            config => config?,
+        };
         replace(&mut board, &config, self.format.json)
     }
 }
@@ -188,12 +200,12 @@ impl Diff {
         if differences.is_empty() {
             return print(&format!("{}\n", paint(GOOD, "no difference")));
         }
-        let word = |value: &Value| match value {
-            Value::Null => "any".to_owned(),
+        let word = |field: &str, value: &Value| match value {
+            Value::Null => config_file::unset(field).to_owned(),
             value => value.to_string(),
         };
         let lines = differences.iter().map(|(field, ours, theirs)| {
-            let (ours, theirs) = (word(ours), word(theirs));
+            let (ours, theirs) = (word(field, ours), word(field, theirs));
             let text = format!("{field}: {theirs} on the board, {ours} in the file");
             format!("{}\n", paint(CAUTION, text))
         });

@@ -18,6 +18,8 @@ use umi_protocol::update::{ImageInfo, ImagePlace};
 
 use crate::cmd::{Board, Format};
 
+use super::access::unless_locked;
+
 /// Show who a board is, what it does and what it has counted
 #[derive(Args)]
 #[command(after_help = HELP)]
@@ -44,10 +46,12 @@ impl Info {
         let status = board.status()?;
         // Who asks without a key is not refused: that would be a record.
         let reads = status.access == AccessMode::Open || board.has_session();
-        let journal = reads.then(|| board.journal_info()).transpose()?;
+        let journal = reads.then(|| unless_locked(board.journal_info()));
+        let journal = journal.transpose()?.flatten();
         let image = board.image()?;
         let positions = board.positions()?;
-        let in_force = reads.then(|| board.job()).transpose()?;
+        // Where its owner lets nobody read, the second would be another record.
+        let in_force = journal.map(|_| board.job()).transpose()?;
         let scale = Scale::of(in_force.as_ref().and_then(|of| of.job.as_ref()));
         let unread = in_force.as_ref().map(|of| &of.learned);
         let unread = unread.filter(|of| of.doubt == Doubt::Unread);

@@ -39,8 +39,12 @@ fn a_board_is_configured() {
     assert_eq!(before["config"]["journal"]["full"], "overwrite");
     assert_eq!(
         (&before["version"], &before["fallbacks"]),
-        (&1.into(), &Value::Array(vec![]))
+        (&2.into(), &Value::Array(vec![]))
     );
+    let access = serde_json::json!({
+        "locked_reading": "operators", "session_idle_s": null, "button_off": false,
+    });
+    assert_eq!(before["config"]["access"], access);
     let set =
         |field: &str, value: &str| umi(&["config", "set", field, value, "--json", "--port", &port]);
     set("ceilings.rms_mm", "0.5").exits(0);
@@ -51,6 +55,8 @@ fn a_board_is_configured() {
         ("ceilings.rms_mm", "-1"),
         ("ceilings.rms", "1"),
         ("journal.full", "x"),
+        ("access.session_idle_s", "9"),
+        ("access.locked_reading", "me"),
     ] {
         let error = error(set(field, value));
         assert_eq!(
@@ -79,6 +85,9 @@ fn a_board_is_configured() {
         .exits(0)
         .json_lines();
     assert!(listed.iter().any(|of| of["type"] == "config_set"));
+    let later = folder.file("later.toml", "version = 3\n[walls]\nheight_m = 2\n");
+    let told = error(umi(&["config", "check", &later, "--json"]));
+    assert_eq!(told["code"], "config_version");
     let bad = folder.file("bad.toml", "[ceilings]\nwide = 1\n");
     assert_eq!(
         error(umi(&["config", "check", &bad, "--json"]))["code"],
@@ -132,6 +141,49 @@ fn nothing_passes_a_ceiling() {
     };
     assert_eq!(error(put("always"))["code"], "beyond_ceiling");
     put("after-verdict").exits(0);
+}
+
+/// Where the owner says so, nobody reads a board that is locked: no job, program, journal or
+/// configuration, by whatever key. Who the board is and that it is locked is told all the same, also
+/// behind a restart, and the owner unlocks it.
+#[test]
+fn nobody_reads_a_locked_board_where_its_owner_says_so() {
+    let mut rig = super::access::Rig::claimed();
+    let set = ["config", "set", "access.locked_reading", "nobody"];
+    rig.as_of("anna", &set).exits(0);
+    rig.as_of("anna", &["access", "lock"]).exits(0);
+    for is_again in [false, true] {
+        if is_again {
+            rig.start(false);
+        }
+        for name in ["olga", "ben", "anna"] {
+            for asked in [
+                &["job", "show"][..],
+                &["program", "list"],
+                &["log"],
+                &["config", "get"],
+                &["log", "ack", "1"],
+            ] {
+                let told = error(rig.as_of(name, asked));
+                assert_eq!(told["code"], "locked", "{name} {asked:?}");
+            }
+            let shown = rig.as_of(name, &["access", "show"]).exits(0).json();
+            assert_eq!(shown["mode"], "locked");
+            assert!(shown["keys"].is_null(), "{shown}");
+            let info = rig.as_of(name, &["info"]).exits(0).json();
+            assert_eq!(info["access"]["mode"], "locked");
+            assert!(info["journal"].is_null(), "{info}");
+        }
+    }
+    rig.as_of("anna", &["access", "unlock"]).exits(0);
+    rig.as_of("olga", &["log"]).exits(0);
+    let refused = rig.entries("olga", "access_refused");
+    assert!(
+        refused.iter().any(|of| of["why"] == "locked"),
+        "{refused:?}"
+    );
+    let got = rig.as_of("olga", &["config", "get"]).exits(0).json();
+    assert_eq!(got["config"]["access"]["locked_reading"], "nobody");
 }
 
 /// Entries that somebody keeps elsewhere are acknowledged; nobody can keep what is not there yet.

@@ -131,4 +131,23 @@ fn the_button_teaches_when_it_is_held() {
     assert_eq!(listed.matches(held).count(), 2, "{listed}");
     assert!(listed.contains("there is a reference already"), "{listed}");
     crate::rig::run::umi(&["replay", &log]).exits(0);
+
+    // The owner lets it ask for nothing, also where there is something to teach.
+    umi(&["config", "set", "access.button_off", "true"]).exits(0);
+    let next = JOB.replace("teach = \"first_ok\"", "teach = \"asked\"");
+    let next = next.replace("\"THREE SPHERES\"", "\"NEXT\"");
+    umi(&["job", "set", &folder.file("next.toml", next)]).exits(0);
+    press(1300);
+    let told = umi(&["info", "--json"]).exits(0).json();
+    assert!(told["status"]["teaching"].is_null(), "{told}");
+    board.control_sends(clamping(3).as_bytes());
+    assert_eq!(judged(4), 0, "the button is off");
+    let listed = umi(&["log"]).exits(0).out;
+    assert!(listed.contains("lets its button teach nothing"), "{listed}");
+    umi(&["teach"]).exits(0);
+    board.control_sends(clamping(4).as_bytes());
+    assert_eq!(judged(5), 1, "who has a key may");
+    let log = folder.path("off.umij");
+    umi(&["log", "-o", &log]).exits(0);
+    crate::rig::run::umi(&["replay", &log]).exits(0);
 }
