@@ -7,7 +7,6 @@ use umi_client::board::link::{Client, LinkError};
 use umi_client::programs;
 use umi_core::journal::{Flash as _, Journal, MAX_PAYLOAD};
 use umi_core::units::Micros;
-use umi_protocol::envelope::KEY;
 use umi_protocol::job::{Job, LearnedLimits};
 use umi_protocol::latch::TriggerPulse;
 use umi_protocol::message::{JobLoss, Record, Status, TeachRefusal, TeachWhat};
@@ -17,6 +16,13 @@ use umi_protocol::program::{ProgramInfo, Release, Stated, Withheld};
 use umi_tests::cases::{SESSION, clamping, job, journal};
 use umi_virtual::board::{JOURNAL, SETTINGS};
 use umi_virtual::{Config, VirtualBoard, VirtualFlash};
+
+/// The key of all messages of protocol 2.23, and the kinds of its entries: they are read.
+const KEY: u64 = 0x0f10_eca6_dbb0_0604;
+/// Of a job's.
+const KIND: u8 = 1;
+/// Of a sensor's.
+const SENSOR: u8 = 2;
 
 /// Flash that holds something which is not a journal.
 fn foreign(geometry: umi_core::journal::Geometry) -> VirtualFlash {
@@ -211,18 +217,18 @@ fn a_lost_job_is_told_by_its_reason() {
     let mut cases = vec![
         (VirtualFlash::in_memory(SETTINGS), JobLoss::Absent),
         (
-            settings_of(1, &payload(KEY ^ 1, &job())),
+            settings_of(KIND, &payload(KEY ^ 1, &job())),
             JobLoss::OtherSchema,
         ),
         (settings_of(3, &payload(KEY, &job())), JobLoss::OtherSchema),
         (
-            settings_of(1, &payload(KEY, &job())[..40]),
+            settings_of(KIND, &payload(KEY, &job())[..40]),
             JobLoss::Damaged,
         ),
-        (settings_of(1, &payload(KEY, &refused)), JobLoss::Refused),
+        (settings_of(KIND, &payload(KEY, &refused)), JobLoss::Refused),
         (foreign(SETTINGS), JobLoss::Storage),
     ];
-    let whole = settings_of(1, &payload(KEY, &job()));
+    let whole = settings_of(KIND, &payload(KEY, &job()));
     let torn = cut(&VirtualFlash::in_memory(SETTINGS), &whole, 200);
     cases.push((torn, JobLoss::Damaged));
     for (settings, why) in cases {
@@ -265,8 +271,6 @@ fn sensor() -> SensorOnBoard {
 /// more. Setting one up ends that; where none was, or it was taken away, nothing is told.
 #[test]
 fn a_lost_sensor_is_told_by_its_reason() {
-    /// Of a sensor's entry.
-    const SENSOR: u8 = 2;
     let payload = |key: u64, sensor: Option<SensorOnBoard>| {
         let mut bytes = [0; MAX_PAYLOAD];
         postcard::to_slice(&(key, sensor), &mut bytes)

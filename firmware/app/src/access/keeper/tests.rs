@@ -2,6 +2,8 @@ use super::*;
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicUsize, Ordering};
+mod migration;
+
 extern crate std;
 use std::boxed::Box;
 use std::sync::{Arc, Mutex};

@@ -3,8 +3,15 @@
 //!
 //! Both stand in one entry of a small journal of their own, so that they change
 //! together or not at all; the newest entry counts. A distance sensor has entries of its own between
-//! them; each time a job is kept, so is the sensor before it, and the ring drops neither. The schema key stands before
-//! them, so that a layout of another version is never misread.
+//! them; each time a job is kept, so is the sensor before it, and the ring drops neither. The key of its own layout stands
+//! before each, so that a layout of another version is never misread.
+//!
+//! A message that has nothing to do with jobs may change, and a job that was kept before is in force all the same. Up to
+//! protocol 2.23 the key of all messages stood there: the entries of that one are read, for a job and a sensor have the
+//! same layout since. Where a layout here changes, its kind gets another number, and the entries of the one before get a
+//! reader of their own (`the_layouts_are_those_that_are_kept`). An entry of before is written anew where something is to be
+//! kept, and not sooner: a firmware that is put back after a trial finds what it had kept. A power cut on the way leaves
+//! the old one or the new one.
 //!
 //! A board without a job says why: none was ever kept, another firmware kept it, it is damaged
 //! ([`JobLoss`]). The reason is in the journal and in the status until a job is set.
@@ -16,10 +23,10 @@ use heapless::Vec;
 use umi_core::job::Teaching;
 use umi_core::journal::{Flash, Journal, JournalError};
 use umi_core::units::{Micros, Point};
-use umi_protocol::hello::KEY;
 use umi_protocol::job::{Job, Lessons, MAX_DATUMS};
 use umi_protocol::message::JobLoss;
 use umi_protocol::point_sensor::{SensorLoss, SensorOnBoard};
+use umi_protocol::schema::key;
 
 /// Datum positions in the order of the job's datum features.
 pub type PlacesMm = Vec<[f64; 3], MAX_DATUMS>;
@@ -27,10 +34,17 @@ pub type PlacesMm = Vec<[f64; 3], MAX_DATUMS>;
 /// What one entry holds: the job and the reference that was taught.
 type Kept = (Job, Option<(PlacesMm, Lessons)>);
 
-/// Kind number of a job's entry. A later layout gets another.
-const KIND: u8 = 1;
+/// Kind number of a job's entry, and the key of its layout.
+const JOB: (u8, u64) = (3, key::<(Job, PlacesMm, Lessons)>());
 /// Of a distance sensor's.
-const SENSOR: u8 = 2;
+const SENSOR: (u8, u64) = (4, key::<Option<SensorOnBoard>>());
+
+/// The key of all messages of protocol 2.23.
+const MESSAGES_BEFORE: u64 = 0x0f10_eca6_dbb0_0604;
+/// A job's entry up to there, with the layout of today.
+const JOB_BEFORE: (u8, u64) = (1, MESSAGES_BEFORE);
+/// A distance sensor's.
+const SENSOR_BEFORE: (u8, u64) = (2, MESSAGES_BEFORE);
 
 /// The settings ring.
 pub struct JobStore<F: Flash> {
@@ -62,17 +76,18 @@ impl<F: Flash> JobStore<F> {
                 JournalError::Flash(_) => JobLoss::Storage,
                 _ => JobLoss::Damaged,
             })?;
-            match found.entry.kind {
-                SENSOR => continue,
-                KIND => {}
-                _ => return Err(JobLoss::OtherSchema),
+            let kind = found.entry.kind;
+            if [SENSOR.0, SENSOR_BEFORE.0].contains(&kind) {
+                continue;
             }
             // The check value of the entry is right: what does not fit was written by another.
             return match postcard::take_from_bytes::<u64>(found.entry.payload) {
-                Ok((KEY, rest)) => match postcard::take_from_bytes(rest) {
-                    Ok((settings, [])) => Ok(settings),
-                    _ => Err(JobLoss::Damaged),
-                },
+                Ok((layout, rest)) if [JOB, JOB_BEFORE].contains(&(kind, layout)) => {
+                    match postcard::take_from_bytes(rest) {
+                        Ok((settings, [])) => Ok(settings),
+                        _ => Err(JobLoss::Damaged),
+                    }
+                }
                 _ => Err(JobLoss::OtherSchema),
             };
         }
@@ -90,14 +105,17 @@ impl<F: Flash> JobStore<F> {
         for seq in (self.journal.first_seq()..self.journal.next_seq()).rev() {
             let found = self.journal.read(seq, scratch);
             let entry = found.map_err(|_| SensorLoss::Damaged)?.entry;
-            if entry.kind != SENSOR {
+            let kind = entry.kind;
+            if ![SENSOR.0, SENSOR_BEFORE.0].contains(&kind) {
                 continue;
             }
             return match postcard::take_from_bytes::<u64>(entry.payload) {
-                Ok((KEY, kept)) => match postcard::take_from_bytes(kept) {
-                    Ok((sensor, [])) => Ok(sensor),
-                    _ => Err(SensorLoss::Damaged),
-                },
+                Ok((layout, kept)) if [SENSOR, SENSOR_BEFORE].contains(&(kind, layout)) => {
+                    match postcard::take_from_bytes(kept) {
+                        Ok((sensor, [])) => Ok(sensor),
+                        _ => Err(SensorLoss::Damaged),
+                    }
+                }
                 Ok(_) => Err(SensorLoss::OtherSchema),
                 Err(_) => Err(SensorLoss::Damaged),
             };
@@ -115,8 +133,8 @@ impl<F: Flash> JobStore<F> {
         sensor: Option<&SensorOnBoard>,
         scratch: &mut [u8],
     ) -> Result<(), NotKept> {
-        let payload = postcard::to_slice(&(KEY, sensor), scratch).map_err(|_| NotKept)?;
-        self.append(SENSOR, now, payload)
+        let payload = postcard::to_slice(&(SENSOR.1, sensor), scratch).map_err(|_| NotKept)?;
+        self.append(SENSOR.0, now, payload)
     }
 
     /// Keeps these settings. After `Ok` they survive a power cut.
@@ -130,8 +148,8 @@ impl<F: Flash> JobStore<F> {
         taught: Option<&(PlacesMm, Lessons)>,
         scratch: &mut [u8],
     ) -> Result<(), NotKept> {
-        let payload = postcard::to_slice(&(KEY, job, taught), scratch).map_err(|_| NotKept)?;
-        self.append(KIND, now, payload)
+        let payload = postcard::to_slice(&(JOB.1, job, taught), scratch).map_err(|_| NotKept)?;
+        self.append(JOB.0, now, payload)
     }
 
     /// An entry, and the same once more. With the first one it is kept; a flash that fails in the second is told where

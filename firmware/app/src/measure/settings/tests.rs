@@ -89,6 +89,71 @@ fn job(called: &str) -> Job {
     }
 }
 
+/// The layouts of what is kept. One that changes here is read wrong, or not at all, where it was kept
+/// before: give the new one another kind number, and the old one a reader of its own.
+#[test]
+fn the_layouts_are_those_that_are_kept() {
+    assert_eq!(JOB, (3, 0xa0a9_5713_f1ef_8f9c));
+    assert_eq!(SENSOR, (4, 0));
+}
+
+/// What a firmware before has kept is read: job, reference, what was learned, sensor. It is so behind
+/// every entry of today, too, and an entry of before behind one of today is not the older one.
+#[test]
+fn what_was_kept_before_is_read() {
+    const BEFORE: &[u8] = include_bytes!(concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../tests/reference/kept/settings.flash"
+    ));
+    let mut scratch = [0; 8192];
+    let mut cells = std::vec![0xFF; SECTORS * SECTOR];
+    cells[..BEFORE.len()].copy_from_slice(BEFORE);
+    let mut store = JobStore::open(Cells(cells)).unwrap();
+    let (old, taught) = store.load(&mut scratch).unwrap();
+    assert_eq!(old.name.as_str(), "THREE BY RUN");
+    let (places, lessons) = taught.clone().unwrap();
+    assert_eq!((places.len(), lessons.run), (3, 41));
+    let sensor = store.load_sensor(&mut scratch).unwrap().unwrap();
+    assert_eq!(sensor.baud, 921_600);
+
+    store
+        .save(Micros(1), &old, taught.as_ref(), &mut scratch)
+        .unwrap();
+    assert_eq!(store.load(&mut scratch), Ok((old.clone(), taught)));
+    assert_eq!(store.load_sensor(&mut scratch), Ok(Some(sensor)));
+    store.save_sensor(Micros(2), None, &mut scratch).unwrap();
+    store
+        .save(Micros(3), &job("B"), None, &mut scratch)
+        .unwrap();
+    assert_eq!(store.load(&mut scratch), Ok((job("B"), None)));
+    assert_eq!(store.load_sensor(&mut scratch), Ok(None));
+    // As a firmware that was put back keeps it.
+    let payload = postcard::to_slice(&(JOB_BEFORE.1, &old, None::<()>), &mut scratch).unwrap();
+    store.append(JOB_BEFORE.0, Micros(4), payload).unwrap();
+    assert_eq!(store.load(&mut scratch), Ok((old, None)));
+}
+
+/// A layout that nobody here knows is told, and nothing before it counts.
+#[test]
+fn another_layout_is_told() {
+    let mut scratch = [0; 8192];
+    for (kind, layout) in [
+        (JOB.0, JOB.1 ^ 1),
+        (JOB.0, MESSAGES_BEFORE),
+        (JOB_BEFORE.0, MESSAGES_BEFORE ^ 1),
+        (JOB_BEFORE.0, JOB.1),
+        (9, JOB.1),
+    ] {
+        let mut store = JobStore::open(Cells(std::vec![0xFF; SECTORS * SECTOR])).unwrap();
+        store
+            .save(Micros(0), &job("A"), None, &mut scratch)
+            .unwrap();
+        let payload = postcard::to_slice(&(layout, job("A"), None::<()>), &mut scratch).unwrap();
+        store.append(kind, Micros(1), payload).unwrap();
+        assert_eq!(store.load(&mut scratch), Err(JobLoss::OtherSchema));
+    }
+}
+
 /// Whichever bit of what was kept last is wrong, what counts is that, or nothing: never a reference that was forgotten, nor
 /// the job before.
 #[test]

@@ -186,6 +186,53 @@ fn nobody_reads_a_locked_board_where_its_owner_says_so() {
     assert_eq!(got["config"]["access"]["locked_reading"], "nobody");
 }
 
+/// What a board of protocol 2.23 has kept is in force on this one, and its journal is read as it was:
+/// verified, with the configuration that it tells.
+#[test]
+fn a_board_of_before_is_taken_over() {
+    let kept =
+        |name: &str| std::fs::read(project(&format!("tests/reference/kept/{name}"))).unwrap();
+    let mut rig = super::access::Rig::new(false);
+    rig.stop();
+    for name in ["settings", "custody"] {
+        let file = rig.folder.path(&format!("state/{name}.flash"));
+        let mut bytes = vec![0xFF; std::fs::metadata(&file).unwrap().len() as usize];
+        let found = kept(&format!("{name}.flash"));
+        bytes[..found.len()].copy_from_slice(&found);
+        std::fs::write(&file, bytes).unwrap();
+    }
+    rig.start(false);
+    let info = rig.run(&["info"]).exits(0).json();
+    assert_eq!(info["status"]["job"], "THREE BY RUN", "{info}");
+    assert_eq!(info["teachings"], 1);
+    let got = rig.run(&["config", "get"]).exits(0).json();
+    assert_eq!(got["fallbacks"], Value::Array(vec![]));
+    assert_eq!(got["config"]["ceilings"]["rms_mm"], 0.5);
+    assert_eq!(got["config"]["access"]["session_idle_s"], Value::Null);
+    rig.run(&["config", "set", "access.session_idle_s", "600"])
+        .exits(0);
+    rig.start(false);
+    let got = rig.run(&["config", "get"]).exits(0).json();
+    assert_eq!(got["config"]["ceilings"]["shift_mm"], 75.0);
+    assert_eq!(got["config"]["access"]["session_idle_s"], 600);
+
+    let file = project("tests/reference/kept/journal.umij");
+    let verified = umi(&["log", "verify", &file, "--json"]).exits(0).json();
+    assert_eq!(verified["signed_to"], 51, "{verified}");
+    let listed = umi(&["log", &file, "--json"]).exits(0).json_lines();
+    let told: Vec<_> = listed
+        .iter()
+        .filter(|of| of["type"] == "config_set")
+        .collect();
+    assert_eq!(told.len(), 2, "{told:?}");
+    assert!(
+        told[0].to_string().contains("\"rms_mm\":0.5"),
+        "{}",
+        told[0]
+    );
+    assert!(!listed.iter().any(|of| of["type"] == "unreadable"));
+}
+
 /// Entries that somebody keeps elsewhere are acknowledged; nobody can keep what is not there yet.
 #[test]
 fn entries_are_acknowledged() {
