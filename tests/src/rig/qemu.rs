@@ -37,6 +37,7 @@ const FLASH_BYTES: u64 = 16 << 20;
 /// (`firmware/boards/mps2-an500/src/storage/mod.rs`).
 const ENTROPY_AT: u64 = 16;
 const JUMPER_AT: u64 = ENTROPY_AT + 32;
+const MAKER_AT: u64 = JUMPER_AT + 1;
 
 /// Bytes that the control sends at once, at most.
 const PIECE: usize = 64;
@@ -119,6 +120,23 @@ impl QemuRig {
         rig.close_jumper(true);
         rig.power_cycle();
         Some(rig)
+    }
+
+    /// As [`Self::start_with_a_key`], and with the public key of who makes images.
+    ///
+    /// # Panics
+    /// As [`Self::start_with_a_key`].
+    #[must_use]
+    pub fn start_with_a_maker(entropy: [u8; 32], maker: [u8; 32]) -> Option<Self> {
+        let mut rig = Self::start_with_a_key(entropy)?;
+        rig.write_flash(MAKER_AT, &maker);
+        rig.power_cycle();
+        Some(rig)
+    }
+
+    /// The board starts anew by itself: waits until it has, and returns why it says so.
+    pub fn starts_anew(&mut self) -> ResetReason {
+        self.machine().restarted()
     }
 
     /// Closes the jumper, or opens it.

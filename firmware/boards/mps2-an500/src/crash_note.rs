@@ -11,6 +11,7 @@ use core::fmt::Write as _;
 use core::panic::PanicInfo;
 use core::ptr;
 
+use cortex_m::peripheral::SCB;
 use heapless::String;
 
 /// Longest text of a panic that is kept.
@@ -26,6 +27,7 @@ enum Note {
     None = 0,
     Panic = 0x5041_4E49,
     Watchdog = 0x5744_4F47,
+    Software = 0x534F_4654,
 }
 
 #[repr(C)]
@@ -58,6 +60,8 @@ pub enum Cause {
     External,
     /// Nothing fed the watchdog.
     Watchdog,
+    /// The firmware wanted it: another image is to run.
+    Software,
     /// A panic, and where.
     Panic(String<TEXT>),
 }
@@ -78,6 +82,7 @@ pub fn take_cause() -> Cause {
     }
     match found.note {
         note if note == Note::Watchdog as u32 => Cause::Watchdog,
+        note if note == Note::Software as u32 => Cause::Software,
         note if note == Note::Panic as u32 => {
             let length = (found.length as usize).min(TEXT);
             let text = found.text.get(..length).unwrap_or_default();
@@ -91,6 +96,12 @@ pub fn take_cause() -> Cause {
 /// Notes that the watchdog is about to reset.
 pub fn note_watchdog() {
     note(Note::Watchdog, "");
+}
+
+/// Starts the board anew because the firmware wants it.
+pub fn restart() -> ! {
+    note(Note::Software, "");
+    SCB::sys_reset()
 }
 
 /// Notes where it happened.

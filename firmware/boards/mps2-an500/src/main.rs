@@ -7,7 +7,7 @@
 //! drivers           UARTs 0, 1 and 4, clock
 //! serial tasks      receive, transmit, latch
 //! link tasks        serve, sense; and telling the bench
-//! none              measure, supervise, prove
+//! none              measure, supervise, prove; starting anew, and the trial of an image
 //! ```
 //!
 //! | file | idea |
@@ -19,6 +19,7 @@
 //! | [`clock`], [`watchdog`] | time |
 //! | [`storage`] | flash in RAM that outlives a reset |
 //! | [`storage::owner`] | the board's key, and the keys of people |
+//! | [`storage::images`] | signed images in slots |
 //! | [`crash_note`] | why the board started, and where it panicked |
 //!
 //! # Limitations
@@ -59,7 +60,8 @@ use clock::BoardClock;
 use crash_note::Cause;
 use ports::uart::{Full, Uart};
 use ports::{bench, control, link, sensor};
-use storage::{Region, owner};
+use storage::images::{RunningImage, Trial};
+use storage::{Region, images, owner};
 use watchdog::WatchdogTimer;
 
 /// To the control.
@@ -101,12 +103,13 @@ fn main() -> ! {
     clock::start();
     // SAFETY: here and nowhere else.
     let kept = unsafe { storage::open() };
-    let signer = owner::signer(kept.key, kept.entropy);
+    let mut image = RunningImage::start(kept.images);
+    let signer = owner::signer(kept.key, kept.entropy, image.digest);
     let boot = Boot {
         identity: Identity {
             board: name("mps2-an500"),
             serial: name("QEMU"),
-            firmware: name(env!("CARGO_PKG_VERSION")),
+            firmware: image.version(),
         },
         reset,
         line: control::ABILITIES,
@@ -127,6 +130,7 @@ fn main() -> ! {
     if let Err(Running) = app.senses(&POINT) {
         stop("the application runs already");
     }
+    image.enter(app);
     match app.start(boot, areas, Micros(0)) {
         Ok(opened) => {
             if opened.journal.is_err() || opened.settings.is_err() {
@@ -138,6 +142,7 @@ fn main() -> ! {
         }
         Err(Running) => stop("the application runs already"),
     }
+    image.tell(app, Micros(0));
 
     CONTROL.start();
     CONTROL.set_baud(app.line().baud);
@@ -160,6 +165,10 @@ fn main() -> ! {
         here.spawn(first(prove(app)));
         here.spawn(first(supervise(app, watchdog)));
         here.spawn(first(hang()));
+        here.spawn(first(start_anew(app)));
+        if let Some(trial) = image.trial() {
+            here.spawn(first(end_trial(app, trial)));
+        }
     })
 }
 
@@ -230,6 +239,16 @@ async fn supervise(app: &'static App<Region>, mut watchdog: WatchdogTimer) {
     app.supervise(&mut watchdog, &BoardClock).await;
 }
 
+#[embassy_executor::task]
+async fn start_anew(app: &'static App<Region>) {
+    images::restart_when_asked(app).await;
+}
+
+#[embassy_executor::task]
+async fn end_trial(app: &'static App<Region>, trial: Trial) {
+    trial.end(app).await;
+}
+
 /// Hangs when the bench asks for it, as a fit would that never ends.
 #[embassy_executor::task]
 async fn hang() {
@@ -247,6 +266,7 @@ fn note_reset(cause: &Cause) -> ResetReason {
     let reset = match cause {
         Cause::Power => ResetReason::PowerOn,
         Cause::External => ResetReason::Pin,
+        Cause::Software => ResetReason::Software,
         Cause::Watchdog => {
             CONSOLE.print(" after its watchdog");
             ResetReason::Watchdog

@@ -2,6 +2,7 @@
 //! moving axes, and more edges than it can take.
 
 mod figures;
+mod update;
 
 use std::time::{Duration, Instant};
 

@@ -13,6 +13,7 @@
 //! It takes no time, and no power cut falls into it: the journal is tested against those
 //! on the host.
 
+pub mod images;
 pub mod owner;
 
 use core::ptr;
@@ -55,8 +56,15 @@ const SMALL: Geometry = Geometry {
     ..PROGRAMS
 };
 
-/// Says that the memory behind it has been erased once, as flash comes from its maker.
-const FLASH: u32 = 0x464C_5348;
+/// A place for an image: 640 KiB.
+const SLOT: Geometry = Geometry {
+    sectors: 160,
+    ..PROGRAMS
+};
+
+/// Says that the memory behind it has been erased once, as flash comes from its maker. Areas that lie
+/// elsewhere have another.
+const FLASH: u32 = 0x464C_5349;
 
 const JOURNAL_AT: usize = 0x1000;
 const SETTINGS_AT: usize = JOURNAL_AT + size(JOURNAL);
@@ -65,7 +73,9 @@ const EVIDENCE_AT: usize = PROGRAMS_AT + size(PROGRAMS);
 const CUSTODY_AT: usize = EVIDENCE_AT + size(EVIDENCE);
 const ACCESS_AT: usize = CUSTODY_AT + size(SMALL);
 const KEY_AT: usize = ACCESS_AT + size(SMALL);
-const END: usize = KEY_AT + size(SMALL);
+const STATE_AT: usize = KEY_AT + size(SMALL);
+const SLOTS_AT: [usize; 2] = [STATE_AT + size(SMALL), STATE_AT + size(SMALL) + size(SLOT)];
+const END: usize = STATE_AT + size(SMALL) + 2 * size(SLOT);
 const _: () = assert!(END <= 16 * 1024 * 1024, "the PSRAM has 16 MB");
 
 const fn size(geometry: Geometry) -> usize {
@@ -97,9 +107,11 @@ pub enum Refusal {
 }
 
 /// Before the first region the bench says what this machine has no hardware for: in place of a source
-/// of entropy 32 bytes, zeros where there is none; and a byte, 1 while the jumper is closed.
+/// of entropy 32 bytes, zeros where there is none; a byte, 1 while the jumper is closed; and the public
+/// key of who makes images, zeros where none are taken.
 const ENTROPY_AT: usize = 16;
 const JUMPER_AT: usize = ENTROPY_AT + 32;
+const MAKER_AT: usize = JUMPER_AT + 1;
 
 /// Whether the jumper is closed now.
 pub fn jumper_is_closed() -> bool {
@@ -126,6 +138,18 @@ pub struct Areas {
     pub key: Region,
     /// In place of a source of entropy.
     pub entropy: [u8; 32],
+    /// Signed images.
+    pub images: ImageAreas,
+}
+
+/// Of signed images.
+pub struct ImageAreas {
+    /// Which of them counts.
+    pub state: Region,
+    /// The images.
+    pub slots: [Region; 2],
+    /// The public key of who makes them; zeros: nobody's are taken.
+    pub maker: [u8; 32],
 }
 
 /// Opens the flash.
@@ -155,6 +179,11 @@ pub unsafe fn open() -> Areas {
             access: region(ACCESS_AT, SMALL),
             key: region(KEY_AT, SMALL),
             entropy: psram.add(ENTROPY_AT).cast::<[u8; 32]>().read_volatile(),
+            images: ImageAreas {
+                state: region(STATE_AT, SMALL),
+                slots: SLOTS_AT.map(|at| region(at, SLOT)),
+                maker: psram.add(MAKER_AT).cast::<[u8; 32]>().read_volatile(),
+            },
         }
     }
 }

@@ -23,8 +23,8 @@ use super::{Region, jumper_is_closed};
 static SEED: Mutex<Cell<[u8; 32]>> = Mutex::new(Cell::new([0; 32]));
 static DRAWN: AtomicU32 = AtomicU32::new(0);
 
-/// Takes up the board's key, or draws one; none: there is no entropy.
-pub fn signer(key: Region, entropy: [u8; 32]) -> Option<&'static HeadSigner> {
+/// Takes up the board's key, or draws one; none: there is no entropy. Heads name the image of this digest.
+pub fn signer(key: Region, entropy: [u8; 32], digest: [u8; 32]) -> Option<&'static HeadSigner> {
     static SIGNING: StaticCell<HeadSigner> = StaticCell::new();
     critical_section::with(|cs| SEED.borrow(cs).set(entropy));
     let key = BoardKey::open(key, draw).ok()?;
@@ -33,7 +33,7 @@ pub fn signer(key: Region, entropy: [u8; 32]) -> Option<&'static HeadSigner> {
     hash.update(entropy);
     hash.update(key.boot().to_le_bytes());
     critical_section::with(|cs| SEED.borrow(cs).set(hash.finalize().into()));
-    Some(SIGNING.init(HeadSigner::new(key, [0; 32])))
+    Some(SIGNING.init(HeadSigner::new(key, digest)))
 }
 
 /// The keys of people.
