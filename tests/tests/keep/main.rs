@@ -6,3 +6,4 @@ mod journal_power_cut;
 mod sessions;
 mod soak;
 mod storage;
+mod wear;

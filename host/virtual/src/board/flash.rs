@@ -21,6 +21,18 @@ pub struct VirtualFlash {
 struct Cells {
     bytes: Vec<u8>,
     file: Option<File>,
+    wear: Wear,
+}
+
+/// What was done to a flash since it was opened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Wear {
+    /// Calls that programmed.
+    pub programs: u64,
+    /// Bytes that they programmed.
+    pub bytes: u64,
+    /// Sectors that were erased.
+    pub erases: u64,
 }
 
 impl VirtualFlash {
@@ -67,15 +79,30 @@ impl VirtualFlash {
     }
 
     fn new(geometry: Geometry, bytes: Vec<u8>, file: Option<File>) -> Self {
-        let cells = Arc::new(Mutex::new(Cells { bytes, file }));
+        let wear = Wear::default();
+        let cells = Arc::new(Mutex::new(Cells { bytes, file, wear }));
         Self { geometry, cells }
     }
 
-    /// Changes cells, and the file behind them.
-    fn change(&self, at: usize, change: impl FnOnce(&mut [u8]), length: usize) -> io::Result<()> {
+    /// What was done to it.
+    #[must_use]
+    pub fn wear(&self) -> Wear {
+        let cells = self.cells.lock();
+        cells.unwrap_or_else(PoisonError::into_inner).wear
+    }
+
+    /// Changes cells, and the file behind them, and counts it.
+    fn change(
+        &self,
+        at: usize,
+        change: impl FnOnce(&mut [u8]),
+        length: usize,
+        count: impl FnOnce(&mut Wear),
+    ) -> io::Result<()> {
         // A panic elsewhere leaves cells as flash would be after a power cut.
         let mut cells = self.cells.lock().unwrap_or_else(PoisonError::into_inner);
-        let Cells { bytes, file } = &mut *cells;
+        let Cells { bytes, file, wear } = &mut *cells;
+        count(wear);
         let range = bytes
             .get_mut(at..at + length)
             .ok_or(io::ErrorKind::InvalidInput)?;
@@ -118,7 +145,10 @@ impl Flash for VirtualFlash {
                 *cell &= byte;
             }
         };
-        self.change(addr as usize, clear, bytes.len())?;
+        self.change(addr as usize, clear, bytes.len(), |wear| {
+            wear.programs += 1;
+            wear.bytes += bytes.len() as u64;
+        })?;
         if erased {
             Ok(())
         } else {
@@ -129,6 +159,7 @@ impl Flash for VirtualFlash {
 
     fn erase(&mut self, sector: u32) -> io::Result<()> {
         let size = self.geometry.sector_size as usize;
-        self.change(sector as usize * size, |cells| cells.fill(ERASED), size)
+        let fill = |cells: &mut [u8]| cells.fill(ERASED);
+        self.change(sector as usize * size, fill, size, |wear| wear.erases += 1)
     }
 }

@@ -41,7 +41,7 @@ use umi_protocol::latch::{LatchReport, Positions};
 use umi_protocol::serial::LineSettings;
 
 pub use clock::VirtualClock;
-pub use flash::VirtualFlash;
+pub use flash::{VirtualFlash, Wear};
 pub use host::HostEnd;
 pub use images::{ImageAreas, SLOT, SLOTS};
 pub use pulses::SentPulses;

@@ -34,7 +34,7 @@ use crate::storage::flash_line::FlashLine;
 /// Clock of the line: any W25Q reads so fast with its slow command.
 const SPI_HZ: u32 = 32_000_000;
 
-/// 2 MB: some twenty thousand lines of the control, with what follows from them. The
+/// 2 MB: some seventeen thousand lines of the control, with what follows from them. The
 /// journal looks through all of it before it begins on a new chip: a second.
 const JOURNAL: Wanted = Wanted {
     sectors: 32,
@@ -53,7 +53,7 @@ const PROGRAMS: Wanted = Wanted {
     size: SectorSize::KiB4,
 };
 
-/// 1 MB of evidence: some 1500 verdicts, apart from the noise.
+/// 1 MB of evidence: some 740 setups with their corrections and heads, apart from the noise.
 const EVIDENCE: Wanted = Wanted {
     sectors: 16,
     size: SectorSize::KiB64,
