@@ -60,7 +60,7 @@ use clock::BoardClock;
 use crash_note::Cause;
 use ports::uart::{Full, Uart};
 use ports::{bench, control, link, sensor};
-use storage::images::{RunningImage, Trial};
+use storage::images::{ImageTrial, RunningImage};
 use storage::{Region, images, owner};
 use watchdog::WatchdogTimer;
 
@@ -245,7 +245,7 @@ async fn start_anew(app: &'static App<Region>) {
 }
 
 #[embassy_executor::task]
-async fn end_trial(app: &'static App<Region>, trial: Trial) {
+async fn end_trial(app: &'static App<Region>, trial: ImageTrial) {
     trial.end(app).await;
 }
 

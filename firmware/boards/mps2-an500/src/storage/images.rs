@@ -20,7 +20,7 @@ use umi_core::units::Micros;
 use umi_protocol::job::Name;
 use umi_protocol::update::ImageVersion;
 
-use super::{ImageAreas, Region};
+use super::{Region, SlotRegions};
 use crate::clock::BoardClock;
 use crate::crash_note;
 
@@ -65,8 +65,8 @@ pub struct RunningImage {
 
 impl RunningImage {
     /// Verifies what is to run.
-    pub fn start(areas: ImageAreas) -> Self {
-        let ImageAreas {
+    pub fn start(areas: SlotRegions) -> Self {
+        let SlotRegions {
             state,
             slots,
             maker,
@@ -125,20 +125,20 @@ impl RunningImage {
     }
 
     /// The trial that has to end; none: this image is not on trial.
-    pub fn trial(&self) -> Option<Trial> {
+    pub fn trial(&self) -> Option<ImageTrial> {
         let confirms = self.confirms;
-        self.on_trial.then_some(Trial { confirms })
+        self.on_trial.then_some(ImageTrial { confirms })
     }
 }
 
 /// Of an image that has to confirm itself.
 #[derive(Clone, Copy)]
-pub struct Trial {
+pub struct ImageTrial {
     /// Whether it says that it works.
     confirms: bool,
 }
 
-impl Trial {
+impl ImageTrial {
     /// Confirms the image where it works; else the board starts anew, and the one before runs.
     pub async fn end(self, app: &App<Region>) {
         while Instant::now() < Instant::MIN + TRIAL {

@@ -139,11 +139,11 @@ pub struct Areas {
     /// In place of a source of entropy.
     pub entropy: [u8; 32],
     /// Signed images.
-    pub images: ImageAreas,
+    pub images: SlotRegions,
 }
 
 /// Of signed images.
-pub struct ImageAreas {
+pub struct SlotRegions {
     /// Which of them counts.
     pub state: Region,
     /// The images.
@@ -179,7 +179,7 @@ pub unsafe fn open() -> Areas {
             access: region(ACCESS_AT, SMALL),
             key: region(KEY_AT, SMALL),
             entropy: psram.add(ENTROPY_AT).cast::<[u8; 32]>().read_volatile(),
-            images: ImageAreas {
+            images: SlotRegions {
                 state: region(STATE_AT, SMALL),
                 slots: SLOTS_AT.map(|at| region(at, SLOT)),
                 maker: psram.add(MAKER_AT).cast::<[u8; 32]>().read_volatile(),
