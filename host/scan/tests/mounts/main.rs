@@ -772,8 +772,8 @@ const KINDS: [&str; 6] = [
     "inclined plane",
 ];
 
-/// A simulated calibration of a kind.
-fn calibrated(kind: &str, noise: Noise, random: &mut Random) -> SensorAnswer {
+/// A simulated calibration of a kind; none where chance looks like an axis that is wrong.
+fn calibrated(kind: &str, noise: Noise, random: &mut Random) -> Option<SensorAnswer> {
     let slanted = Vector3::new(0.3, -0.2, 1.0);
     let three = [BALLS[0], BALLS[1], Vector3::new(5.0, -70.0, 38.0)];
     let (all, options) = match kind {
@@ -800,15 +800,31 @@ fn calibrated(kind: &str, noise: Noise, random: &mut Random) -> SensorAnswer {
             )
         }
     };
-    sensor(&all, &truth(), &options).unwrap()
+    match sensor(&all, &truth(), &options) {
+        Ok(answer) => Some(answer),
+        Err(error) => {
+            assert_eq!(error.code, "misfit", "{error}");
+            None
+        }
+    }
 }
 
-/// The share of simulated calibrations whose 95 % regions hold the truth, by both covariances.
+/// The share of simulated calibrations whose 95 % regions hold the truth, by both covariances. Of poses that agree one in a
+/// thousand may be refused.
 fn shares(kind: &str, noise: Noise, runs: u32, random: &mut Random) -> [f64; 2] {
     let held: Vec<[bool; 2]> = (0..runs)
-        .map(|_| holds(&calibrated(kind, noise, random)))
+        .filter_map(|_| calibrated(kind, noise, random))
+        .map(|answer| holds(&answer))
         .collect();
-    [0, 1].map(|which| held.iter().filter(|held| held[which]).count() as f64 / f64::from(runs))
+    let refused = runs as usize - held.len();
+    if refused > 0 {
+        println!("{kind}: {refused} of {runs} refused, misfit");
+    }
+    assert!(
+        refused <= 1 + runs as usize / 1000,
+        "{kind}: {refused} of {runs}"
+    );
+    [0, 1].map(|which| held.iter().filter(|held| held[which]).count() as f64 / held.len() as f64)
 }
 
 /// The covariances are honest: over simulated calibrations the truth lies within the 95 % region
