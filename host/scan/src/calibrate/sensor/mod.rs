@@ -4,6 +4,7 @@
 //! observations, `p = flange · X · (x, 0, z)` in the workpiece's frame. Unknown are X, and
 //! each plane, each centre that is not known, and one radius if it is free.
 
+mod along;
 mod distance;
 mod lines;
 mod mirror;
@@ -303,6 +304,7 @@ fn mount(
         warnings.push(format!("misfit: {}", misfit.words()));
     }
     warnings.extend(stray);
+    warnings.extend(along::along_line(model));
     Ok(SensorAnswer {
         rotation: model.mount.rows(),
         translation_mm: model.mount.translation_mm.into(),

@@ -95,7 +95,8 @@ by 0.1 mm and leaves some micrometres. `misfit` holds the poses against one anot
 for each; one false alarm in 1000), names the worst, and what must be added to which zero, place,
 direction or scale of an axis to bring them together, if one does. Where they disagree, the machine
 file gets `covariance_poses`, by the scatter of whole poses; it knows nothing of what is wrong in all
-of them alike. Refused are poses that scatter ten times as much as the samples within them, one that
+of them alike. What is off at one place of the line in every profile is told where its mean is larger than
+single samples scatter. Refused are poses that scatter ten times as much as the samples within them, one that
 lies off so far, and a slip of an axis that moves the mount by more than five of its standard uncertainties.
 One sample that lies off all others, and off those of its profile, by eight standard deviations is named (`outlier`);
 such a mount goes into no file (-o), nor does one that its `covariance_scatter` has more uncertain than 1 mrad or 1 mm.
