@@ -15,7 +15,7 @@
 //! of a pose together, the sum of `a aᵀ` (CR3 of Bell and McCaffrey, 2002). It holds for errors that a pose has for
 //! itself. What is wrong in all poses alike moves the mount and shows in no covariance: that is what the slips are for.
 //!
-//! One observation that lies off all others is named by itself ([`stray`]).
+//! One observation that lies off all others is named by itself (`stray`).
 
 pub mod slips;
 pub(super) mod stray;
