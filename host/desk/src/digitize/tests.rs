@@ -380,8 +380,8 @@ fn refusals() {
         (|a| a.adaptations = 0.0, 'U'),
         (|a| a.dof_position = 101.0, 'V'),
         // An end of the depth of field gives no signal.
-        (|a| a.dof_position = 0.0, 'V'),
-        (|a| a.dof_position = 100.0, 'V'),
+        (|a| a.dof_position = 4.9, 'V'),
+        (|a| a.dof_position = 97.0, 'V'),
         (|a| a.rate_hz = 0.0, 'W'),
         (|a| a.power = -1.0, 'X'),
         (|a| a.captures = 1.0, 'Z'),

@@ -118,6 +118,7 @@ pub fn calibrate(station: &mut TableMachine) -> Result<Mounted, MountError> {
         hold: [false; 3],
         bars: Vec::new(),
         allow_misfit: false,
+        drop_outliers: false,
     };
     let answer = sensor(&all, &station.drawn.sensor, &options)?;
     let found = Pose::from_rows(&answer.rotation, &answer.translation_mm)

@@ -138,6 +138,7 @@ pub fn poses(machine: &AxisChain, question: &PosesQuestion) -> Result<PlannedPos
         hold: question.hold,
         bars: Vec::new(),
         allow_misfit: false,
+        drop_outliers: false,
     };
     let found = sensor_by(&all, &machine.sensor, &options, "give --known")?;
     let covariance = found

@@ -272,6 +272,10 @@ const COVARIANCE_ROUNDING: f64 = 1e-6;
 /// How the warning begins that the axes' scale does not fit the balls.
 const SCALE: &str = "scale:";
 
+/// A reading, or a target, this part of the calibration's readings beside them is another lens'. The depth of field of a lens
+/// is less than twice that, and the next lens is farther.
+pub const OTHER_LENS_PART: f64 = 0.25;
+
 /// A calibration that was read from its file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KnownSensor {
@@ -307,6 +311,24 @@ impl KnownSensor {
                 format_args!("the calibration says: {warning}; then calibrate again"),
             )),
         }
+    }
+
+    /// Refuses readings that this lens does not have: by more than a quarter beside those of the calibration.
+    ///
+    /// # Errors
+    /// `other_lens`, with the first such line.
+    pub fn check_readings(&self, readings: &SensorReadings) -> Result<(), ScanError> {
+        let within_mm = OTHER_LENS_PART * self.stand_off_mm.unwrap_or_default().abs();
+        readings.used.iter().try_for_each(|reading| {
+            self.check_stand_off(
+                reading.gamma_mm,
+                within_mm,
+                format_args!(
+                    "line {} reads {} mm, which is another lens' or an exchanged sign",
+                    reading.line, reading.gamma_mm
+                ),
+            )
+        })
     }
 
     /// Refuses a calibration that was made at readings farther than `within_mm` beside one that this lens has. One

@@ -9,6 +9,8 @@ use super::plan::{PlanQuestion, SensorPlan};
 pub enum ProgramLanguage {
     /// Custom Macro B: `DPRNT`.
     MacroB,
+    /// The same with a dwell in `P`, as Haas has it.
+    Haas,
     /// LinuxCNC: a file that the program writes.
     LinuxCnc,
     /// GRBL says nothing by itself: it stops at each place (`M0`), whose numbers stand in the program.
@@ -23,10 +25,16 @@ pub const LINUXCNC_FILE: &str = "umi-calibration.csv";
 pub fn program(question: &PlanQuestion, plan: &SensorPlan, language: ProgramLanguage) -> String {
     let (first, dwell, open, close) = match language {
         ProgramLanguage::MacroB => ("O8844", "G4 X0.5", "POPEN\n", "PCLOS\n"),
+        ProgramLanguage::Haas => ("O8844", "G4 P0.5", "POPEN\n", "PCLOS\n"),
         ProgramLanguage::LinuxCnc => ("", "G4 P0.5", "", "(LOGCLOSE)\n"),
         ProgramLanguage::Grbl => ("", "G4 P0.5", "", ""),
     };
-    let mut text = format!("%\n{first}(CALIBRATION OF A POINT SENSOR)\n");
+    // GRBL knows no mark of a program's ends.
+    let mark = match language {
+        ProgramLanguage::Grbl => "",
+        _ => "%\n",
+    };
+    let mut text = format!("{mark}{first}(CALIBRATION OF A POINT SENSOR)\n");
     let [x, y, z] = question.center_mm;
     // Writing to a string cannot fail.
     let _ = writeln!(
@@ -54,7 +62,7 @@ pub fn program(question: &PlanQuestion, plan: &SensorPlan, language: ProgramLang
         let _ = writeln!(text, "G53 G0 X{x:.3} Y{y:.3} Z{z:.3}");
         let _ = writeln!(text, "{dwell}");
         let _ = match language {
-            ProgramLanguage::MacroB => {
+            ProgramLanguage::MacroB | ProgramLanguage::Haas => {
                 writeln!(text, "DPRNT[N{number}*X#5021[43]*Y#5022[43]*Z#5023[43]]")
             }
             ProgramLanguage::LinuxCnc => {
@@ -65,6 +73,7 @@ pub fn program(question: &PlanQuestion, plan: &SensorPlan, language: ProgramLang
     }
     text.push_str(close);
     let _ = writeln!(text, "G53 G0 Z{:.3}", question.safe_z_mm);
-    text.push_str("M30\n%\n");
+    text.push_str("M30\n");
+    text.push_str(mark);
     text
 }

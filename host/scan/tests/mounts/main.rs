@@ -271,6 +271,7 @@ fn on_sphere(radius_mm: Option<f64>) -> SensorOptions {
         hold: [false; 3],
         bars: Vec::new(),
         allow_misfit: false,
+        drop_outliers: false,
     }
 }
 

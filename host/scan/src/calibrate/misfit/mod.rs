@@ -154,7 +154,8 @@ impl Misfit {
                 );
             }
             None => {
-                text += ". Look at that pose, whether the artefact or a clamp moved, and at the axes' zeros and places"
+                text += ". Look at that pose, whether the artefact or a clamp moved, at the axes' zeros and places, and whether \
+                         neighbouring samples share their errors (speckle: take fewer of each profile)"
             }
         }
         text

@@ -310,6 +310,7 @@ mod tests {
             hold: [false; 3],
             bars: Vec::new(),
             allow_misfit: false,
+            drop_outliers: false,
         };
         numbers_over(&first_model(&all, &Pose::identity(), &options).unwrap())
     }

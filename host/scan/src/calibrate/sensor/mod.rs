@@ -63,6 +63,8 @@ pub struct SensorOptions {
     pub bars: Vec<BallBar>,
     /// Answer also where the poses grossly disagree.
     pub allow_misfit: bool,
+    /// Leave out samples that lie off all others.
+    pub drop_outliers: bool,
 }
 
 /// The answer of `umi scan calibrate sensor`.
@@ -92,9 +94,12 @@ pub struct SensorAnswer {
     pub dof_poses: Option<f64>,
     /// Whether the poses agree with one another; none where too little is left to say so.
     pub misfit: Option<Misfit>,
-    /// The sample that lies off all others.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub outlier: Option<SampleOutlier>,
+    /// The samples that lie off all others, the worst first.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub outliers: Vec<SampleOutlier>,
+    /// Those that were left out for that.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub dropped: Vec<SampleOutlier>,
     /// Of the balls.
     pub radius_mm: Option<f64>,
     /// What was seen, in the workpiece's frame.
@@ -104,7 +109,7 @@ pub struct SensorAnswer {
     pub bars: Vec<BarAnswer>,
     /// The least singular value over the largest, rotations worth 100 mm.
     pub conditioning: f64,
-    /// The residual of each observation in mm, in their order.
+    /// The residual of each observation in mm, in their order; no number for one that was left out.
     #[serde(skip)]
     pub residuals_mm: Vec<f64>,
     /// What is odd, but no reason to refuse.
@@ -129,8 +134,8 @@ impl SensorAnswer {
     /// # Errors
     /// `outlier`, and which; `uncertain`.
     pub fn refuse_doubtful(&self) -> Result<(), ScanError> {
-        if let Some(outlier) = &self.outlier {
-            return Err(ScanError::refused("outlier", outlier.words()));
+        if let Some(words) = outlier::words(&self.outliers) {
+            return Err(ScanError::refused("outlier", words));
         }
         self.best_covariance().map_or(Ok(()), refuse_uncertain)
     }
@@ -245,10 +250,11 @@ fn mount(
     let mut solution = solution;
     solution.model.face_the_sensor();
     let radius = radius_wanted(&solution, options);
-    let outlier = outlier::outlier(&solution.model);
-    let stray = outlier
-        .as_ref()
-        .map(|outlier| format!("outlier: {}", outlier.words()));
+    let outliers = outlier::outliers(&solution.model);
+    if options.drop_outliers && !outliers.is_empty() {
+        return without(all, outliers, start, options, give_centres);
+    }
+    let stray = outlier::words(&outliers);
     let with_hints = |mut error: ScanError| {
         for hint in [&radius, &stray].into_iter().flatten() {
             error.message += &format!("; {hint}");
@@ -318,7 +324,8 @@ fn mount(
         covariance_poses,
         dof_poses: poses.covariance.map(|(_, dof)| dof),
         misfit: poses.misfit,
-        outlier,
+        outliers,
+        dropped: Vec::new(),
         radius_mm: (options.on == Artefact::Sphere).then_some(model.radius_mm),
         features: features(model),
         bars,
@@ -326,6 +333,41 @@ fn mount(
         residuals_mm,
         warnings,
     })
+}
+
+/// The mount without these samples.
+fn without(
+    all: &Observations,
+    outliers: Vec<SampleOutlier>,
+    start: &Pose,
+    options: &SensorOptions,
+    give_centres: &str,
+) -> Result<SensorAnswer, ScanError> {
+    if outliers.len() >= outlier::MOST_NAMED {
+        return Err(ScanError::refused(
+            "outlier",
+            format_args!(
+                "{} samples and maybe more lie off all others: that is no stray, look at what was taken for the artefact",
+                outliers.len()
+            ),
+        ));
+    }
+    let mut rows: Vec<usize> = outliers.iter().map(|outlier| outlier.row - 1).collect();
+    rows.sort_unstable();
+    let mut kept = all.clone();
+    for row in rows.iter().rev() {
+        kept.points.remove(*row);
+    }
+    let options = SensorOptions {
+        drop_outliers: false,
+        ..options.clone()
+    };
+    let mut answer = mount(&kept, start, &options, give_centres)?;
+    for row in rows {
+        answer.residuals_mm.insert(row, f64::NAN);
+    }
+    answer.dropped = outliers;
+    Ok(answer)
 }
 
 /// Whether the poses agree, and the covariance by them. `answered`: the one that they are held against.

@@ -1,16 +1,31 @@
-//! A sample that lies off all others: a reflection, or a digit that was written down wrong.
+//! Samples that lie off all others: reflections, or digits that were written down wrong.
+//!
+//! Samples scatter by no one law: more on flanks and far away, and speckle has tails. So one is a stray beyond six times what
+//! nine of ten residuals stay below, wherever that is. Each residual is the one by all others, `r / (1 - h)` with its
+//! leverage `h` (Cook and Weisberg, Residuals and Influence in Regression, 1982, section 2.2). The worst is left out, the
+//! mount fitted anew, and the next looked for, so that strays neither hide each other nor make their neighbours look like
+//! strays.
 
+use nalgebra::DVector;
 use serde::Serialize;
 
 use super::model::MountModel;
-use crate::calibrate::misfit::stray::{Observed, stray};
-use crate::calibrate::solve::Model as _;
+use crate::calibrate::observations::Observations;
+use crate::calibrate::solve::scatter::whiten;
+use crate::calibrate::solve::{Model, descend};
 
-/// Samples scatter by no one law: on flanks and far away by some times more. One is a stray beyond so many standard
-/// deviations of all others, and of those of its profile. These are by medians, which a second stray hardly moves.
-const MOST_SIGMAS: f64 = 8.0;
-/// The standard deviation of normal errors, over the median of their sizes.
-const OF_MEDIAN: f64 = 1.4826;
+/// Of residuals so many stay below the size that strays are held against.
+const MOST: f64 = 0.9;
+/// Ten standard deviations of errors that are normal.
+const TIMES: f64 = 6.0;
+/// Below this, in mm, residuals are rounding.
+const ROUNDING_MM: f64 = 1e-6;
+/// What alone decides an unknown cannot be off.
+const LEAST_LEFT: f64 = 1e-3;
+/// So many are named; where there are more, something else is wrong.
+pub(super) const MOST_NAMED: usize = 20;
+/// Steps of a fit without one sample.
+const STEPS: usize = 20;
 
 /// A sample that lies off all others.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -21,69 +36,113 @@ pub struct SampleOutlier {
     pub profile: String,
     /// What it was taken for a part of.
     pub feature: String,
-    /// Its distance from the surface that all others have, in mm; signed as the residuals.
+    /// Its distance from the surface that all others have, in mm; positive outside.
     pub off_mm: f64,
-    /// The chance that one of so many lies so far off where all belong together.
-    pub p: f64,
-    /// So many others lie off as far.
-    pub more: usize,
 }
 
-impl SampleOutlier {
-    /// What is to be said of it.
-    #[must_use]
-    pub fn words(&self) -> String {
-        let more = match self.more {
-            0 => String::new(),
-            1 => " (so does one more)".to_owned(),
-            more => format!(" (so do {more} more)"),
-        };
-        format!(
-            "row {} ({}, {}) lies {:+.4} mm off the surface that all others have{more}: leave it out, or look at what was \
-             written there",
-            self.row, self.profile, self.feature, self.off_mm
-        )
-    }
-}
-
-/// Looks for one at the optimum.
-pub(super) fn outlier(model: &MountModel<'_>) -> Option<SampleOutlier> {
-    let each = Observed {
-        of: &|place| place,
-        residuals: &|_| 1,
+/// What is to be said of them.
+pub(super) fn words(outliers: &[SampleOutlier]) -> Option<String> {
+    let worst = outliers.first()?;
+    let named = |one: &SampleOutlier| format!("{} ({}, {})", one.row, one.profile, one.feature);
+    let all: Vec<String> = outliers.iter().map(named).collect();
+    let (rows, lie) = match &all[..] {
+        [row] => (format!("row {row}"), "lies"),
+        _ => (format!("rows {}", all.join(", ")), "lie up to"),
     };
-    let found = stray(model, &each)?;
-    let (number, off_mm) = (*found.numbers.first()?, found.off_mm[0]);
-    let seen = model.all.points.get(number)?;
-    let mut sizes = Vec::with_capacity(model.residuals());
-    model.rows(&mut |value, _| sizes.push(value.abs()));
-    let points = model.all.points.iter();
-    let mut beside: Vec<f64> = (points.zip(&sizes))
-        .filter(|(point, _)| point.flange == seen.flange)
-        .map(|(_, size)| *size)
-        .collect();
-    let mut all = sizes.clone();
-    let limit_mm = MOST_SIGMAS * sigma_of(&mut all).max(sigma_of(&mut beside));
-    (off_mm.abs() > limit_mm).then(|| SampleOutlier {
-        row: number + 1,
-        profile: model.all.profile_name(seen.flange),
-        feature: model.all.features[seen.feature].clone(),
-        off_mm,
-        p: found.p,
-        more: sizes
-            .iter()
-            .enumerate()
-            .filter(|(place, size)| *place != number && **size > limit_mm)
-            .count(),
-    })
+    let more = if outliers.len() >= MOST_NAMED {
+        ", and there may be more"
+    } else {
+        ""
+    };
+    Some(format!(
+        "outlier: {rows} {lie} {:+.4} mm off the surface that all others have{more}: look at what was written there, or leave them \
+         out with --drop-outliers",
+        worst.off_mm
+    ))
 }
 
-/// By the median of sizes.
-fn sigma_of(sizes: &mut [f64]) -> f64 {
-    if sizes.is_empty() {
-        return 0.0;
+/// Looks for them at the optimum, the worst first.
+pub(super) fn outliers(model: &MountModel<'_>) -> Vec<SampleOutlier> {
+    let mut found = Vec::new();
+    let Some(mut worst) = worst(model) else {
+        return found;
+    };
+    let mut kept = model.all.clone();
+    let mut rows: Vec<usize> = (1..=kept.points.len()).collect();
+    let mut fitted = None;
+    loop {
+        let (place, off_mm) = worst;
+        let seen = kept.points.remove(place);
+        found.push(SampleOutlier {
+            row: rows.remove(place),
+            profile: model.all.profile_name(seen.flange),
+            feature: model.all.features[seen.feature].clone(),
+            off_mm,
+        });
+        if found.len() >= MOST_NAMED {
+            return found;
+        }
+        let again = refitted(model, &fitted, &kept);
+        let next = self::worst(&again);
+        fitted = Some(Fitted::of(&again));
+        match next {
+            Some(next) => worst = next,
+            None => return found,
+        }
     }
-    let middle = sizes.len() / 2;
-    let (_, median, _) = sizes.select_nth_unstable_by(middle, f64::total_cmp);
-    OF_MEDIAN * *median
+}
+
+/// What a fit has found, without the observations that it is of.
+struct Fitted {
+    mount: umi_kinematics::Pose,
+    features: Vec<crate::calibrate::features::SampleSights>,
+    radius_mm: f64,
+}
+
+impl Fitted {
+    fn of(model: &MountModel<'_>) -> Self {
+        Self {
+            mount: model.mount,
+            features: model.features.clone(),
+            radius_mm: model.radius_mm,
+        }
+    }
+}
+
+/// The optimum of fewer observations, from the one before.
+fn refitted<'b>(
+    model: &MountModel<'_>,
+    before: &Option<Fitted>,
+    kept: &'b Observations,
+) -> MountModel<'b> {
+    let mut again = model.of(kept);
+    if let Some(before) = before {
+        again.mount = before.mount;
+        again.features.clone_from(&before.features);
+        again.radius_mm = before.radius_mm;
+    }
+    descend(&mut again, STEPS);
+    again
+}
+
+/// The place of the sample that lies off most, and by how much; none where it lies where samples do.
+fn worst(model: &MountModel<'_>) -> Option<(usize, f64)> {
+    let (nuisances, targets) = model.unknowns();
+    let whiten = whiten(model);
+    let mut line = DVector::zeros(nuisances + targets);
+    let mut sizes = Vec::with_capacity(model.residuals());
+    let mut worst: Option<(usize, f64)> = None;
+    model.rows(&mut |value, derivatives| {
+        line.fill(0.0);
+        derivatives(line.as_mut_slice());
+        let left = 1.0 - (&whiten * &line).norm_squared();
+        let off_mm = value / left;
+        if left > LEAST_LEFT && worst.is_none_or(|(_, most)| off_mm.abs() > most.abs()) {
+            worst = Some((sizes.len(), off_mm));
+        }
+        sizes.push(value.abs());
+    });
+    let place = ((sizes.len() as f64 * MOST) as usize).min(sizes.len().checked_sub(1)?);
+    let (_, most, _) = sizes.select_nth_unstable_by(place, f64::total_cmp);
+    worst.filter(|(_, off_mm)| off_mm.abs() > TIMES * most.max(ROUNDING_MM))
 }

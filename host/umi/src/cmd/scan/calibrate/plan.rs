@@ -159,7 +159,8 @@ impl Plan {
         };
         let plan = plan(&question)?;
         let language = match self.control {
-            Language::Fanuc | Language::Haas | Language::Mitsubishi => ProgramLanguage::MacroB,
+            Language::Fanuc | Language::Mitsubishi => ProgramLanguage::MacroB,
+            Language::Haas => ProgramLanguage::Haas,
             Language::Linuxcnc => ProgramLanguage::LinuxCnc,
             Language::Grbl => ProgramLanguage::Grbl,
         };

@@ -24,6 +24,8 @@ pub fn page(found: &SensorAnswer, all: &Observations) -> DeviationPage {
     let mount = found.mount();
     let points = all.points.iter().zip(&found.residuals_mm);
     let points: Vec<DeviationPoint> = points
+        // What was left out has none.
+        .filter(|(_, residual)| residual.is_finite())
         .map(|(seen, &deviation_mm)| {
             let at = all.flanges[seen.flange].point(&mount.point(&seen.seen_mm));
             let outward = outward(&found.features[seen.feature], &at);
@@ -87,7 +89,7 @@ pub fn page(found: &SensorAnswer, all: &Observations) -> DeviationPage {
         ],
         tables,
         remarks: found.warnings.clone(),
-        bands: spread(found.residuals_mm.clone()),
+        bands: spread(points.iter().map(|p| p.deviation_mm).collect()),
         points,
         ..DeviationPage::default()
     }

@@ -54,6 +54,9 @@ pub(crate) struct Sensor {
     /// Answer also where the poses disagree so much that the mount is wrong by more than its uncertainty
     #[arg(long)]
     allow_misfit: bool,
+    /// Leave out samples that lie off all others, 19 at most, and say which
+    #[arg(long)]
+    drop_outliers: bool,
     #[command(flatten)]
     written: Written,
     #[command(flatten)]
@@ -98,8 +101,11 @@ file gets `covariance_poses`, by the scatter of whole poses; it knows nothing of
 of them alike. What is off at one place of the line in every profile is told where its mean is larger than
 single samples scatter. Refused are poses that scatter ten times as much as the samples within them, one that
 lies off so far, and a slip of an axis that moves the mount by more than five of its standard uncertainties.
-One sample that lies off all others, and off those of its profile, by eight standard deviations is named (`outlier`);
-such a mount goes into no file (-o), nor does one that its `covariance_scatter` has more uncertain than 1 mrad or 1 mm.
+Samples that lie off all others are named (`outliers`): beyond six times what nine of ten residuals stay below,
+some ten standard deviations. Such a mount goes into no file (-o) unless they are left out by --drop-outliers, nor does
+one that the covariance of the file has more uncertain than 1 mrad or 1 mm.
+Samples must err each for itself. Of speckle, neighbours share their error: take every tenth or so of a profile
+(`observe` takes 60 spread over it), or poses seem to disagree.
 
 Refused (status 2): unidentifiable, uncertain, too_few_points, not_finite, machine,
 missing_axis, missing_position, missing_centre, no_convergence, angle_unit, far_from_start,
@@ -205,6 +211,7 @@ impl Sensor {
             hold: Component::held(&self.hold),
             bars: self.bar.clone(),
             allow_misfit: self.allow_misfit,
+            drop_outliers: self.drop_outliers,
         };
         let found = sensor(&all, &machine.sensor, &options)?;
         Ok((found, all))
@@ -215,6 +222,11 @@ impl Sensor {
 fn residuals(found: &SensorAnswer, all: &Observations) -> String {
     let mut text = String::from("profile,feature,x_mm,z_mm,residual_mm\n");
     for (point, residual) in all.points.iter().zip(&found.residuals_mm) {
+        let residual = if residual.is_nan() {
+            String::new()
+        } else {
+            residual.to_string()
+        };
         // Writing to a string cannot fail.
         let _ = writeln!(
             text,
@@ -263,6 +275,13 @@ fn text(found: &SensorAnswer) -> String {
     }
     for warning in &found.warnings {
         let _ = writeln!(text, "warning: {warning}");
+    }
+    for dropped in &found.dropped {
+        let _ = writeln!(
+            text,
+            "left out: row {} ({}, {}), {:+.4} mm off",
+            dropped.row, dropped.profile, dropped.feature, dropped.off_mm
+        );
     }
     for bar in &found.bars {
         let u = bar

@@ -62,7 +62,7 @@ pub(crate) struct Digitize {
         allow_hyphen_values = true
     )]
     adaptations: f64,
-    /// Place in the depth of field, per cent from its near end; 1 to 99 where the sensor follows the surface (letter V)
+    /// Place in the depth of field, per cent from its near end; 5 to 95 where the sensor follows the surface (letter V)
     #[arg(
         long,
         default_value = "50",
@@ -227,11 +227,14 @@ impl Digitize {
             exchanges: done.exchanges,
             exchange_s: done.exchange_s,
             losses: done.losses,
-            warnings: known.warnings.into_iter().chain(nothing(&done)).collect(),
+            warnings: known.warnings,
         };
-        match done.alarm {
-            None => Ok(told),
-            Some(alarm) => Err(refused(alarm)
+        match (done.alarm.clone(), nothing(&done)) {
+            (None, None) => Ok(told),
+            (None, Some(why)) => Err(ScanError::refused("no_points", why)
+                .with("points", told.points)
+                .with("missing", told.missing)),
+            (Some(alarm), _) => Err(refused(alarm)
                 .with("points", told.points)
                 .with("missing", told.missing)),
         }
@@ -297,19 +300,25 @@ const OTHER_LENS_MM: f64 = 0.1;
 
 /// A calibration at readings that this sensor does not have is another lens'.
 fn same_lens(known: &KnownSensor, spec: &PointSensorSpec) -> Result<(), ScanError> {
-    // On this machine it is known where the sensor's points are.
+    // On this machine it is known where the sensor's points are, and what it reads there.
     let direction = Point::from_array_mm(spec.direction).mm.normalize();
-    let truth = Point::from_array_mm(spec.offset_mm).mm + direction * spec.stand_off_mm;
+    let zero = Point::from_array_mm(spec.offset_mm).mm;
+    let gain = 1.0 + spec.gain_error_ppm * 1e-6;
     let origin = Point::from_mm(0.0, 0.0, 0.0);
-    let said = known.sensor.place(origin, Mm(spec.stand_off_mm)).mm;
-    let off_mm = (said - truth).norm();
+    let half_mm = spec.range_mm / 2.0;
+    let off_mm = [-half_mm, 0.0, half_mm].map(|from_middle| {
+        let way_mm = spec.stand_off_mm + from_middle;
+        let said = known.sensor.place(origin, Mm(way_mm / gain)).mm;
+        (said - (zero + direction * way_mm)).norm()
+    });
+    let off_mm = off_mm.into_iter().fold(0.0, f64::max);
     let is_swapped = known.sensor.direction.dot(&direction) < 0.0;
     // A beam that points the other way is the board's to find.
     if off_mm > OTHER_LENS_MM && !is_swapped {
         return Err(ScanError::refused(
             "other_lens",
             format_args!(
-                "by the calibration a point at the stand-off is {off_mm:.3} mm from where this \
+                "by the calibration a point of the depth of field is {off_mm:.3} mm from where this \
                  scene's sensor sees it: calibrate with this lens, in this mount, and look at its gain"
             ),
         ));
@@ -346,7 +355,8 @@ fn nothing(done: &Digitized) -> Option<String> {
         .map(|(reason, count)| format!("{reason} {count}"))
         .collect();
     Some(format!(
-        "no_points: not one place has a point ({}): look at --at, the depth of field and the rate",
+        "not one place has a point ({}; each place with its reason is in the table): look at --at, the calibration, the depth of \
+         field and the rate",
         reasons.join(", ")
     ))
 }

@@ -47,7 +47,8 @@ Examples:
 The columns u_x_mm, u_y_mm, u_z_mm are standard uncertainties. Where the calibration warned `weak: few readings`, its
 warning comes again and says how many times them 95 % of errors are within.
 
-Refused (status 2): bad_calibration, missing_column, not_a_number, not_finite.";
+Refused (status 2): bad_calibration, missing_column, not_a_number, not_finite, other_lens (a reading more than a quarter
+beside those of the calibration).";
 
 /// What was written.
 #[derive(Serialize)]
@@ -74,6 +75,7 @@ impl Points {
     fn make(&self) -> Result<Written, ScanError> {
         let known = calibration::read(&self.calibration)?;
         let readings = readings::read(&self.readings, self.min_snr)?;
+        known.check_readings(&readings)?;
         let covariance = if self.total {
             known.covariance_total.as_ref()
         } else {

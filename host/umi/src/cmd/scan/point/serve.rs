@@ -16,7 +16,7 @@ use umi_protocol::message::Record;
 use umi_protocol::point_sensor::{
     CapturedAt, PlaceReport, PlaceState, SensorOnBoard, SensorText, StationAnswer,
 };
-use umi_scan::point_sensor::calibration::{self, KnownSensor};
+use umi_scan::point_sensor::calibration::{self, KnownSensor, OTHER_LENS_PART};
 
 use crate::cmd::scan::answer::failure;
 use crate::cmd::{Board, Format};
@@ -31,7 +31,7 @@ use crate::show::terminal::{CAUTION, paint, print, print_json};
 pub(crate) struct Serve {
     #[command(flatten)]
     board: Board,
-    /// The sensor as it is wired to the board; without it, as it was set up last
+    /// The sensor as it is wired to the board, with --calibration; without both, as it was set up last
     #[arg(long, value_name = "SENSOR.toml", requires = "calibration")]
     sensor: Option<PathBuf>,
     /// What umi scan calibrate point --json has printed
@@ -104,10 +104,6 @@ struct WiredSensor {
     stand_off_mm: Option<f64>,
     range_mm: Option<f64>,
 }
-
-/// A target this part of the calibration's readings beside them is another lens'. The depth of field of a lens is less
-/// than twice that, and the next lens is farther.
-const OTHER_LENS_PART: f64 = 0.25;
 
 /// Looks at the board this often while it captures.
 const LOOK: Duration = Duration::from_millis(5);
