@@ -35,6 +35,8 @@ pub(in crate::calibrate) struct Observed<'a> {
     pub residuals: &'a dyn Fn(usize) -> usize,
 }
 
+/// What fewer degrees of freedom say of the others' scatter is mostly chance.
+const LEAST_DOF: usize = 5;
 /// Up to so many observations are left out by twos, too.
 const MOST_FOR_PAIRS: usize = 64;
 
@@ -94,7 +96,7 @@ pub(in crate::calibrate) fn stray<M: Model>(model: &M, observed: &Observed<'_>) 
     }
     let judged = worst.into_iter().filter_map(|out| {
         let rows = out.off_mm.len();
-        let dof = dof.checked_sub(rows).filter(|dof| *dof > 0)? as f64;
+        let dof = dof.checked_sub(rows).filter(|dof| *dof >= LEAST_DOF)? as f64;
         let tried = if out.numbers.len() > 1 {
             pairs
         } else {
