@@ -125,6 +125,22 @@ fn a_calibration_makes_points() {
     let text = std::fs::read_to_string(&cloud).unwrap();
     assert_eq!(text.lines().next(), Some("x_mm,y_mm,z_mm"));
     assert_eq!(text.lines().count(), 14);
+    // A reading that this lens does not have, as one whose sign is exchanged, is no point.
+    let text = std::fs::read_to_string(&readings).unwrap();
+    let last = text.trim_end().rsplit(',').next().unwrap();
+    let wrong = format!("{}-{last}\n", text.trim_end().strip_suffix(last).unwrap());
+    let wrong = folder.file("wrong.csv", wrong);
+    let from = [
+        "scan",
+        "points",
+        &wrong,
+        "--calibration",
+        &sensor,
+        "-o",
+        &cloud,
+    ];
+    let told = umi(&[&from[..], &["--force", "--json"]].concat()).exits(2);
+    assert_eq!(told.json()["error"]["code"], "other_lens");
     // In words, too.
     let said = calibrate("rings_13_exact", &[]).exits(0).out;
     assert!(said.contains("13 of 13 readings used"));
