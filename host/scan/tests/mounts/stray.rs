@@ -151,6 +151,12 @@ fn two_strays_do_not_hide_each_other() {
             let answer = sensor(&all, &truth(), &dropping).unwrap();
             assert_eq!((answer.dropped.len(), answer.outliers.len()), (2, 0));
             assert!(answer.residuals_mm[place].is_nan());
+            assert!(
+                answer
+                    .warnings
+                    .iter()
+                    .any(|said| said.starts_with("dropped: rows"))
+            );
             assert_eq!(answer.residuals_mm.len(), all.points.len());
             answer.refuse_doubtful().unwrap();
             let (_, shift) = off(&answer);

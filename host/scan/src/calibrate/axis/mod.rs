@@ -5,6 +5,7 @@
 
 mod beside;
 mod outlier;
+mod stray;
 
 use std::io::BufRead;
 

@@ -5,8 +5,8 @@ use nalgebra::Vector3;
 use serde::Serialize;
 use umi_kinematics::Pose;
 
+use super::stray::{Observed, Stray, stray};
 use super::{AxisModel, TurnedCentre};
-use crate::calibrate::misfit::stray::{Observed, Stray, stray};
 use crate::calibrate::solve::descend;
 
 /// A wrong angle leaves a ball on its circle: of what it is off by, at most this share is not along that, or so many

@@ -14,11 +14,8 @@
 //! Where they disagree, the covariance is that of their scatter: with `a` the change of the unknowns by all residuals
 //! of a pose together, the sum of `a aᵀ` (CR3 of Bell and McCaffrey, 2002). It holds for errors that a pose has for
 //! itself. What is wrong in all poses alike moves the mount and shows in no covariance: that is what the slips are for.
-//!
-//! One observation that lies off all others is named by itself (`stray`).
 
 pub mod slips;
-pub(super) mod stray;
 
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
@@ -31,7 +28,7 @@ use super::solve::scatter::whiten;
 pub const ALARM: f64 = 1e-3;
 /// A column of the fit of which the poses' means leave less than this share is one of theirs. (A shift across the laser's
 /// plane changes all residuals of a ball's profile alike, but for what noise bends of it.)
-const TAKEN: f64 = 1e-3;
+pub(super) const TAKEN: f64 = 1e-3;
 /// A slip of which less than this share is left beside the fit is not seen.
 const UNSEEN: f64 = 1e-6;
 /// Poses that scatter by so many times the scatter within them, or one that lies off so far, are no calibration.
@@ -39,7 +36,7 @@ const GROSS_SCATTER: f64 = 10.0;
 /// A slip that moves the mount by so many of its standard uncertainties, too.
 const GROSS_MOVE: f64 = 5.0;
 /// Residuals below this, in mm, are rounding.
-const ROUNDING_MM: f64 = 1e-7;
+pub(super) const ROUNDING_MM: f64 = 1e-7;
 /// What the gain of a slip may differ from the best one's, in variances, to be as good a reason.
 const AS_GOOD: f64 = 9.0;
 /// Below this a chance is told as such only.
@@ -368,7 +365,7 @@ fn lack_of_fit(means: &[Mean], ssq: f64, dof: usize) -> Option<LackOfFit> {
 }
 
 /// The chance of an F beyond this one.
-fn beyond_f(f: f64, between: f64, within: f64) -> f64 {
+pub(super) fn beyond_f(f: f64, between: f64, within: f64) -> f64 {
     let (between, within) = (between.min(MOST_DOF), within.min(MOST_DOF));
     beta_ratio(within / 2.0, between / 2.0, within / (within + between * f))
 }

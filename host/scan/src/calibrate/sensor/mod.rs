@@ -245,9 +245,8 @@ fn mount(
     let solution = solve(best_start(first), &scale);
     refuse_unseen(&solution, &scale, give_centres)?;
     refuse_few_profiles(&solution.model)?;
-    let solution = rivals::decided(solution, start, &scale)?;
+    let mut solution = rivals::decided(solution, start, &scale)?;
     refuse_unseen(&solution, &scale, give_centres)?;
-    let mut solution = solution;
     solution.model.face_the_sensor();
     let radius = radius_wanted(&solution, options);
     let outliers = outlier::outliers(&solution.model);
@@ -366,6 +365,7 @@ fn without(
     for row in rows {
         answer.residuals_mm.insert(row, f64::NAN);
     }
+    answer.warnings.extend(outlier::dropped(&outliers));
     answer.dropped = outliers;
     Ok(answer)
 }

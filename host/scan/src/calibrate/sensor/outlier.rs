@@ -10,7 +10,6 @@ use nalgebra::DVector;
 use serde::Serialize;
 
 use super::model::MountModel;
-use crate::calibrate::observations::Observations;
 use crate::calibrate::solve::scatter::whiten;
 use crate::calibrate::solve::{Model, descend};
 
@@ -24,7 +23,7 @@ const ROUNDING_MM: f64 = 1e-6;
 const LEAST_LEFT: f64 = 1e-3;
 /// So many are named; where there are more, something else is wrong.
 pub(super) const MOST_NAMED: usize = 20;
-/// Steps of a fit without one sample.
+/// Steps of a fit without some samples, from that with all of them.
 const STEPS: usize = 20;
 
 /// A sample that lies off all others.
@@ -43,12 +42,7 @@ pub struct SampleOutlier {
 /// What is to be said of them.
 pub(super) fn words(outliers: &[SampleOutlier]) -> Option<String> {
     let worst = outliers.first()?;
-    let named = |one: &SampleOutlier| format!("{} ({}, {})", one.row, one.profile, one.feature);
-    let all: Vec<String> = outliers.iter().map(named).collect();
-    let (rows, lie) = match &all[..] {
-        [row] => (format!("row {row}"), "lies"),
-        _ => (format!("rows {}", all.join(", ")), "lie up to"),
-    };
+    let (rows, lie) = rows(outliers);
     let more = if outliers.len() >= MOST_NAMED {
         ", and there may be more"
     } else {
@@ -61,6 +55,26 @@ pub(super) fn words(outliers: &[SampleOutlier]) -> Option<String> {
     ))
 }
 
+/// What is to be said of those that were left out.
+pub(super) fn dropped(outliers: &[SampleOutlier]) -> Option<String> {
+    let worst = outliers.first()?;
+    let (rows, lie) = rows(outliers);
+    Some(format!(
+        "dropped: {rows} {lie} {:+.4} mm off the surface that all others have: left out",
+        worst.off_mm
+    ))
+}
+
+/// Their rows with profile and feature, and the word for what they do.
+fn rows(outliers: &[SampleOutlier]) -> (String, &'static str) {
+    let named = |one: &SampleOutlier| format!("{} ({}, {})", one.row, one.profile, one.feature);
+    let all: Vec<String> = outliers.iter().map(named).collect();
+    match &all[..] {
+        [row] => (format!("row {row}"), "lies"),
+        _ => (format!("rows {}", all.join(", ")), "lie up to"),
+    }
+}
+
 /// Looks for them at the optimum, the worst first.
 pub(super) fn outliers(model: &MountModel<'_>) -> Vec<SampleOutlier> {
     let mut found = Vec::new();
@@ -69,7 +83,6 @@ pub(super) fn outliers(model: &MountModel<'_>) -> Vec<SampleOutlier> {
     };
     let mut kept = model.all.clone();
     let mut rows: Vec<usize> = (1..=kept.points.len()).collect();
-    let mut fitted = None;
     loop {
         let (place, off_mm) = worst;
         let seen = kept.points.remove(place);
@@ -79,50 +92,13 @@ pub(super) fn outliers(model: &MountModel<'_>) -> Vec<SampleOutlier> {
             feature: model.all.features[seen.feature].clone(),
             off_mm,
         });
-        if found.len() >= MOST_NAMED {
-            return found;
-        }
-        let again = refitted(model, &fitted, &kept);
-        let next = self::worst(&again);
-        fitted = Some(Fitted::of(&again));
-        match next {
-            Some(next) => worst = next,
-            None => return found,
+        let mut others = model.of(&kept);
+        descend(&mut others, STEPS);
+        match self::worst(&others) {
+            Some(next) if found.len() < MOST_NAMED => worst = next,
+            _ => return found,
         }
     }
-}
-
-/// What a fit has found, without the observations that it is of.
-struct Fitted {
-    mount: umi_kinematics::Pose,
-    features: Vec<crate::calibrate::features::SampleSights>,
-    radius_mm: f64,
-}
-
-impl Fitted {
-    fn of(model: &MountModel<'_>) -> Self {
-        Self {
-            mount: model.mount,
-            features: model.features.clone(),
-            radius_mm: model.radius_mm,
-        }
-    }
-}
-
-/// The optimum of fewer observations, from the one before.
-fn refitted<'b>(
-    model: &MountModel<'_>,
-    before: &Option<Fitted>,
-    kept: &'b Observations,
-) -> MountModel<'b> {
-    let mut again = model.of(kept);
-    if let Some(before) = before {
-        again.mount = before.mount;
-        again.features.clone_from(&before.features);
-        again.radius_mm = before.radius_mm;
-    }
-    descend(&mut again, STEPS);
-    again
 }
 
 /// The place of the sample that lies off most, and by how much; none where it lies where samples do.

@@ -276,13 +276,6 @@ fn text(found: &SensorAnswer) -> String {
     for warning in &found.warnings {
         let _ = writeln!(text, "warning: {warning}");
     }
-    for dropped in &found.dropped {
-        let _ = writeln!(
-            text,
-            "left out: row {} ({}, {}), {:+.4} mm off",
-            dropped.row, dropped.profile, dropped.feature, dropped.off_mm
-        );
-    }
     for bar in &found.bars {
         let u = bar
             .u_mm

@@ -1,4 +1,4 @@
-//! One observation that lies off all the rest: an angle that was written down wrong, a sample of a reflection.
+//! A centre, or all centres at an angle, that lies off all the rest.
 //!
 //! Each is left out alone. What its residuals `r` take from the sum of squares then is `rᵀ (1 - H)⁻¹ r`, with `H` its
 //! block of the leverages; beside what is left, each by its degrees of freedom, that has an F distribution where it
@@ -10,17 +10,15 @@ use std::collections::HashMap;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::{ALARM, ROUNDING_MM, TAKEN, beyond_f};
+use crate::calibrate::misfit::{ALARM, ROUNDING_MM, TAKEN, beyond_f};
 use crate::calibrate::solve::Model;
 use crate::calibrate::solve::scatter::whiten;
 
 /// What lies off the others.
 #[derive(Debug, Clone, PartialEq)]
-pub(in crate::calibrate) struct Stray {
+pub(super) struct Stray {
     /// The numbers of the observations: one, or two that hide each other.
     pub numbers: Vec<usize>,
-    /// Their residuals by what the others say, in mm.
-    pub off_mm: DVector<f64>,
     /// Standard deviation of a residual of the others, in mm.
     pub others_mm: f64,
     /// The chance that the worst of so many lies so far off where all belong together.
@@ -28,7 +26,7 @@ pub(in crate::calibrate) struct Stray {
 }
 
 /// Which residuals belong to which observation, and how many it has.
-pub(in crate::calibrate) struct Observed<'a> {
+pub(super) struct Observed<'a> {
     /// The number of the observation, by the residual's place.
     pub of: &'a dyn Fn(usize) -> usize,
     /// How many residuals it has, by its number.
@@ -45,15 +43,17 @@ type WhiteRow = (f64, DVector<f64>);
 
 /// Observations that were left out together.
 struct LeftOut {
-    gain: f64,
+    /// What that takes from the sum of squares, in mm².
+    gain_mm2: f64,
     numbers: Vec<usize>,
-    off_mm: DVector<f64>,
+    /// How many residuals they have.
+    rows: usize,
 }
 
 /// Looks for an observation that lies off the others, at the model's optimum; among few for two, which widen the scatter
 /// that each is held against. None where they belong together, or where leaving them out leaves nothing to hold them
 /// against.
-pub(in crate::calibrate) fn stray<M: Model>(model: &M, observed: &Observed<'_>) -> Option<Stray> {
+pub(super) fn stray<M: Model>(model: &M, observed: &Observed<'_>) -> Option<Stray> {
     let (nuisances, targets) = model.unknowns();
     let whiten = whiten(model);
     let dof = model.residuals().checked_sub(whiten.nrows())?;
@@ -95,7 +95,7 @@ pub(in crate::calibrate) fn stray<M: Model>(model: &M, observed: &Observed<'_>) 
         }
     }
     let judged = worst.into_iter().filter_map(|out| {
-        let rows = out.off_mm.len();
+        let rows = out.rows;
         let dof = dof.checked_sub(rows).filter(|dof| *dof >= LEAST_DOF)? as f64;
         let tried = if out.numbers.len() > 1 {
             pairs
@@ -103,12 +103,13 @@ pub(in crate::calibrate) fn stray<M: Model>(model: &M, observed: &Observed<'_>) 
             singles
         };
         // Rounding scatters by no law.
-        let others_mm = ((ssq - out.gain).max(0.0) / dof).sqrt().max(ROUNDING_MM);
-        let f = out.gain / rows as f64 / (others_mm * others_mm);
+        let others_mm = ((ssq - out.gain_mm2).max(0.0) / dof)
+            .sqrt()
+            .max(ROUNDING_MM);
+        let f = out.gain_mm2 / rows as f64 / (others_mm * others_mm);
         Some(Stray {
             numbers: out.numbers,
             p: beyond_f(f, rows as f64, dof) * f64::from(tried as u32),
-            off_mm: out.off_mm,
             others_mm,
         })
     });
@@ -123,25 +124,25 @@ pub(in crate::calibrate) fn stray<M: Model>(model: &M, observed: &Observed<'_>) 
 
 /// Leaves these out, and keeps the worst of each size: a gain by more residuals is less odd.
 fn keep_worst(worst: &mut Vec<LeftOut>, numbers: Vec<usize>, rows: &[WhiteRow]) {
-    let Some((gain, off_mm)) = left_out(rows) else {
+    let Some(gain_mm2) = gain_mm2(rows) else {
         return;
     };
-    let size = |known: &LeftOut| (known.numbers.len(), known.off_mm.len());
+    let size = |known: &LeftOut| (known.numbers.len(), known.rows);
     let found = LeftOut {
-        gain,
+        gain_mm2,
         numbers,
-        off_mm,
+        rows: rows.len(),
     };
     match worst.iter_mut().find(|known| size(known) == size(&found)) {
-        Some(known) if known.gain < gain => *known = found,
+        Some(known) if known.gain_mm2 < gain_mm2 => *known = found,
         Some(_) => {}
         None => worst.push(found),
     }
 }
 
-/// What observations take from the sum of squares where they are left out, and what they are off by then. None where they
-/// alone decide an unknown, and cannot be off.
-fn left_out(rows: &[WhiteRow]) -> Option<(f64, DVector<f64>)> {
+/// What observations take from the sum of squares where they are left out. None where they alone decide an unknown, and
+/// cannot be off.
+fn gain_mm2(rows: &[WhiteRow]) -> Option<f64> {
     let own = DMatrix::from_columns(&rows.iter().map(|(_, row)| row.clone()).collect::<Vec<_>>());
     let residuals = DVector::from_iterator(rows.len(), rows.iter().map(|(value, _)| *value));
     let left = DMatrix::identity(rows.len(), rows.len()) - own.tr_mul(&own);
@@ -149,6 +150,5 @@ fn left_out(rows: &[WhiteRow]) -> Option<(f64, DVector<f64>)> {
     if left.l_dirty().diagonal().min() < TAKEN.sqrt() {
         return None;
     }
-    let off = left.solve(&residuals);
-    Some((residuals.dot(&off), off))
+    Some(residuals.dot(&left.solve(&residuals)))
 }
