@@ -5,6 +5,7 @@
 //! allowed; and what is not good enough is planned again with shorter ones, the better plan is kept.
 
 use std::cell::Cell;
+use std::time::Duration;
 
 use super::super::drive::deadline::Deadline;
 use super::super::spec::ScanSpec;
@@ -29,6 +30,10 @@ const MOST_TRIANGLES: usize = 20_000;
 /// A plan that is worth another one is better by this share.
 const GAIN: f64 = 0.005;
 
+/// A try that closes less than this share of the gap to the wanted coverage says that what is left is not for its like to mend:
+/// a wall that touches, a slope that no beam meets.
+const CLOSES: f64 = 0.05;
+
 /// Steps and turns, as shares of those that are begun with.
 const FINER: [[f64; 2]; 3] = [[0.5, 1.0], [0.5, 0.5], [0.25, 0.5]];
 
@@ -44,17 +49,39 @@ pub(super) struct PartSize {
     pub across_mm: f64,
 }
 
+/// How long plans are tried, and what for.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Tries<'a> {
+    /// When to end.
+    pub deadline: Deadline,
+    /// Becomes true where the deadline leaves no time for a try.
+    pub skipped: &'a Cell<bool>,
+    /// What sees more is wanted, though it may not see enough.
+    pub partial: bool,
+}
+
+impl Tries<'_> {
+    /// Is there so much time for another? If not, that is noted.
+    pub(super) fn last(self, time: Duration) -> bool {
+        let lasts = self.deadline.lasts(time);
+        if !lasts {
+            self.skipped.set(true);
+        }
+        lasts
+    }
+}
+
 /// The best of the plans that `plan` makes of a specification with its own and with tighter limits, and with care for the
-/// overlap where it is too little. `skipped` becomes true where the deadline leaves no time for one of them.
+/// overlap where it is too little. What is planned again with tighter limits is given to `plan`: its spindle stands or turns as
+/// before.
 ///
 /// # Errors
 /// Those of the plan that sees the most, where none is one.
 pub(super) fn best(
     spec: &ScanSpec,
     size: PartSize,
-    deadline: Deadline,
-    skipped: &Cell<bool>,
-    plan: impl Fn(&ScanSpec, Option<f64>) -> Result<ScanPlan, ScanError>,
+    tries: Tries<'_>,
+    plan: impl Fn(&ScanSpec, Option<f64>, Option<&ScanPlan>) -> Result<ScanPlan, ScanError>,
 ) -> Result<ScanPlan, ScanError> {
     let part = if size.across_mm < spec.sensor.line_mm {
         size.across_mm / SMALL_STEPS
@@ -64,48 +91,47 @@ pub(super) fn best(
     let line = STEP_SHARE * spec.sensor.line_mm;
     let step = spec.plan.max_step_mm.min(line).min(part.max(0.01));
     let turn = spec.plan.max_turn_deg.min(TURN_DEG);
-    let with = |[steps, turns]: [f64; 2], care: Option<f64>| {
+    let with = |[steps, turns]: [f64; 2], care: Option<f64>, again: Option<&ScanPlan>| {
         let mut inner = spec.clone();
         // No finer than a specification may say.
         inner.plan.max_step_mm = (step * steps).max(0.01_f64.min(step));
         inner.plan.max_turn_deg = (turn * turns).max(0.01_f64.min(turn));
-        plan(&inner, care)
+        plan(&inner, care, again)
     };
     let mut begun = std::time::Instant::now();
-    let mut best = with([1.0, 1.0], None);
+    let mut best = with([1.0, 1.0], None, None);
     let mut care = None;
     for spare in CARES {
         if overlaps(spec, &best) {
             break;
         }
         // Judging takes its time.
-        if !deadline.lasts(begun.elapsed() * 4) {
-            skipped.set(true);
+        if !tries.last(begun.elapsed() * 4) {
             break;
         }
         begun = std::time::Instant::now();
-        let found = with([1.0, 1.0], Some(spare));
+        let found = with([1.0, 1.0], Some(spare), None);
         if better(spec, &found, &best) {
             (best, care) = (found, Some(spare));
         }
     }
     let refused = best.as_ref().map_or(true, |plan| plan.refusal.is_some());
-    if !worth_another(spec, &best) || (!refused && size.triangles > MOST_TRIANGLES) {
+    if !worth_another(spec, &best, tries) || (!refused && size.triangles > MOST_TRIANGLES) {
         return best;
     }
     let took = begun.elapsed();
     for finer in FINER {
         // Shorter steps take longer: twice, about.
-        if !deadline.lasts(took * 4) {
-            skipped.set(true);
+        if !tries.last(took * 4) {
             break;
         }
-        let found = with(finer, care);
+        let found = with(finer, care, best.as_ref().ok());
         let gained = better(spec, &found, &best);
+        let closing = closes(spec, &found, coverage(&best));
         if gained {
             best = found;
         }
-        if !gained || !worth_another(spec, &best) {
+        if !gained || !closing || !worth_another(spec, &best, tries) {
             break;
         }
     }
@@ -121,8 +147,13 @@ fn overlaps(spec: &ScanSpec, found: &Result<ScanPlan, ScanError>) -> bool {
     }
 }
 
-/// Is a plan refused for what finer steps may mend, or long?
-pub(super) fn worth_another(spec: &ScanSpec, found: &Result<ScanPlan, ScanError>) -> bool {
+/// Is a plan refused for what finer steps may mend, or long? Where it may be partial, what lies beyond the axes is no reason
+/// against another that sees more.
+pub(super) fn worth_another(
+    spec: &ScanSpec,
+    found: &Result<ScanPlan, ScanError>,
+    tries: Tries<'_>,
+) -> bool {
     match found {
         Ok(plan) => {
             let figures = &plan.figures;
@@ -131,13 +162,31 @@ pub(super) fn worth_another(spec: &ScanSpec, found: &Result<ScanPlan, ScanError>
             // A part narrower than the line has no bound by its area.
             let narrow = figures.passes < 3;
             let long = figures.scan_length_mm > GOOD_RATIO * bound && !narrow;
-            !plan.beyond_limits && (long || plan.refusal.is_some())
+            (tries.partial || !plan.beyond_limits) && (long || plan.refusal.is_some())
         }
         Err(error) => matches!(
             error.code,
             COVERAGE_UNREACHABLE | "axis_limit" | "plan_unproved"
         ),
     }
+}
+
+/// What is seen, also by what is refused.
+pub(super) fn coverage(found: &Result<ScanPlan, ScanError>) -> f64 {
+    match found {
+        Ok(plan) => plan.figures.coverage,
+        Err(error) => error
+            .details
+            .get("coverage")
+            .and_then(|v| v.as_f64())
+            .unwrap_or(0.0),
+    }
+}
+
+/// Does a plan close enough of the gap that is left from `before` to the wanted coverage, if there is one?
+pub(super) fn closes(spec: &ScanSpec, found: &Result<ScanPlan, ScanError>, before: f64) -> bool {
+    let gap = spec.plan.min_coverage - before;
+    gap <= 0.0 || coverage(found) - before >= CLOSES * gap
 }
 
 fn holds(plan: &ScanPlan) -> bool {
@@ -150,14 +199,6 @@ pub(super) fn better(
     one: &Result<ScanPlan, ScanError>,
     other: &Result<ScanPlan, ScanError>,
 ) -> bool {
-    let seen = |found: &Result<ScanPlan, ScanError>| match found {
-        Ok(plan) => plan.figures.coverage,
-        Err(error) => error
-            .details
-            .get("coverage")
-            .and_then(|v| v.as_f64())
-            .unwrap_or(0.0),
-    };
     let wanted = spec.plan.min_coverage;
     match (one, other) {
         (Ok(one), Ok(other)) => {
@@ -181,7 +222,7 @@ pub(super) fn better(
         }
         (Ok(_), Err(_)) => true,
         (Err(_), Ok(_)) => false,
-        (Err(_), Err(_)) => seen(one) > seen(other) + GAIN,
+        (Err(_), Err(_)) => coverage(one) > coverage(other) + GAIN,
     }
 }
 
@@ -190,24 +231,43 @@ mod tests {
     use std::cell::Cell;
     use std::time::{Duration, Instant};
 
-    use super::{COVERAGE_UNREACHABLE, Deadline, PartSize, ScanError, best};
+    use super::super::super::tests::{SPEC, spec};
+    use super::{COVERAGE_UNREACHABLE, Deadline, PartSize, ScanError, Tries, best};
 
-    #[test]
-    fn a_try_that_the_time_leaves_out_is_told() {
-        let text = include_str!("../../../../../tests/reference/plan/kinematics_ac.toml");
-        let spec = super::super::super::tests::spec(text).unwrap();
+    /// How many plans are made where each sees so much more than the one before, and whether one was left out for want of time.
+    fn tries(deadline: Deadline, gain: f64) -> (usize, bool) {
+        let spec = spec(SPEC).unwrap();
         let size = PartSize {
             triangles: 2,
             across_mm: 50.0,
         };
-        for (limit, left_out) in [(Duration::ZERO, true), (Duration::from_secs(60), false)] {
-            let skipped = Cell::new(false);
-            let deadline = Deadline::after(Instant::now(), limit);
-            let found = best(&spec, size, deadline, &skipped, |_, _| {
-                Err(ScanError::refused(COVERAGE_UNREACHABLE, "Nothing is seen."))
-            });
-            assert!(found.is_err());
-            assert_eq!(skipped.get(), left_out);
-        }
+        let (skipped, count) = (Cell::new(false), Cell::new(0));
+        let tries = Tries {
+            deadline,
+            skipped: &skipped,
+            partial: true,
+        };
+        let first = spec.plan.min_coverage - 0.5;
+        let found = best(&spec, size, tries, |_, _, _| {
+            let coverage = first + gain * count.replace(count.get() + 1) as f64;
+            Err(ScanError::refused(COVERAGE_UNREACHABLE, "Little is seen.")
+                .with("coverage", coverage))
+        });
+        assert!(found.is_err());
+        (count.get(), skipped.get())
+    }
+
+    #[test]
+    fn a_try_that_the_time_leaves_out_is_told() {
+        let after = |limit| Deadline::after(Instant::now(), limit);
+        assert_eq!(tries(after(Duration::ZERO), 0.0), (1, true));
+        assert_eq!(tries(after(Duration::from_secs(60)), 0.0), (2, false));
+    }
+
+    /// A finer try that closes a twenty-fifth of the gap is the last one; one that closes more is followed by others.
+    #[test]
+    fn a_gap_that_a_finer_try_hardly_closes_ends_the_tries() {
+        assert_eq!(tries(Deadline::never(), 0.02).0, 2);
+        assert_eq!(tries(Deadline::never(), 0.03).0, 4);
     }
 }

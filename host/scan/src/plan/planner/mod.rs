@@ -41,6 +41,7 @@ use crate::ScanError;
 use crate::parallel::Threads;
 use crate::surface::Mesh;
 use join::join;
+use limits::Tries;
 use result::ScanPlan;
 use ways::ways;
 
@@ -224,8 +225,13 @@ fn plan_there(
         planned(&shop, &charts, options)
     };
     let skipped = Cell::new(false);
-    let found = limits::best(spec, size, deadline, &skipped, |inner, care| {
-        spindle::best(inner, deadline, &skipped, |spec| one(spec, care))
+    let tries = Tries {
+        deadline,
+        skipped: &skipped,
+        partial: options.allow_partial,
+    };
+    let found = limits::best(spec, size, tries, |inner, care, again| {
+        spindle::best(inner, tries, again, |spec| one(spec, care))
     });
     let mut found = match found {
         Ok(plan) if options.allow_partial => Ok(plan),

@@ -82,6 +82,8 @@ pub struct ScanPlan {
     /// It is refused, and clearly more than may go unseen lies where no pose within the limits would see it: no other try
     /// mends that.
     pub beyond_limits: bool,
+    /// The angle of a spindle that was planned as one that stands.
+    pub stands_at_deg: Option<f64>,
     /// The charts' triangles in the plane, with the length there of a millimetre on the surface.
     pub flat: Vec<Vec<FlatTriangle>>,
 }
@@ -222,9 +224,7 @@ pub fn proved(
     let area_mm2 = shop.part.surface.area_mm2();
     let beyond = figures.uncovered.iter().find(|u| u.reason == AXIS_LIMIT);
     let beyond = beyond.map_or(0.0, |u| u.area_mm2) / area_mm2;
-    let beyond_limits = refusal.is_some()
-        && !options.allow_partial
-        && beyond > SURELY[0] * (1.0 - wanted) + SURELY[1];
+    let beyond_limits = refusal.is_some() && beyond > SURELY[0] * (1.0 - wanted) + SURELY[1];
     let sights = seen.sights.iter().map(Vec::len);
     Ok(ScanPlan {
         rows,
@@ -233,6 +233,7 @@ pub fn proved(
         area_mm2,
         refusal,
         beyond_limits,
+        stands_at_deg: None,
         flat: Vec::new(),
     })
 }

@@ -40,7 +40,8 @@ pub(super) fn spec(text: &str) -> Result<ScanSpec, ScanError> {
     ScanSpec::read(text, Path::new(""))
 }
 
-const SPEC: &str = include_str!("../../../../../tests/reference/plan/kinematics_ac.toml");
+pub(super) const SPEC: &str =
+    include_str!("../../../../../tests/reference/plan/kinematics_ac.toml");
 
 #[test]
 fn poses_of_the_reference_within_a_hundredth_of_a_nanometre() {
