@@ -1,7 +1,10 @@
 //! Guards against errors that leave no trace in one setup.
 
+use core::fmt;
+
 use heapless::Vec;
 use postcard_derive::Schema;
+use serde::de::{Deserializer, Error, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
 use super::Name;
@@ -79,11 +82,81 @@ pub struct LearnedLimits {
 #[postcard(crate = crate)]
 #[serde(deny_unknown_fields)]
 pub struct ProbingSpec {
-    /// Standard deviation of one hit along its approach, from a calibration. What the control's
-    /// step adds to it comes on top.
-    pub sigma_mm: f64,
-    /// Degrees of freedom of that calibration: repeated hits less one.
+    /// Standard deviation of one hit along X, along Y and along Z, from a calibration. What the
+    /// control's step adds to it comes on top. A job file may say one number, where the axes
+    /// scatter alike.
+    #[serde(deserialize_with = "alike_or_each")]
+    pub sigma_mm: [f64; 3],
+    /// Degrees of freedom of that calibration: repeated hits less one; of each axis, if they
+    /// were calibrated one by one.
     pub dof: u16,
+}
+
+impl ProbingSpec {
+    /// One number for the three axes.
+    #[must_use]
+    pub const fn alike(sigma_mm: f64, dof: u16) -> Self {
+        let sigma_mm = [sigma_mm; 3];
+        Self { sigma_mm, dof }
+    }
+
+    /// That of the three, if it is one number.
+    #[must_use]
+    #[allow(clippy::float_cmp, reason = "copies of one number")]
+    pub fn same_mm(&self) -> Option<f64> {
+        let [x, y, z] = self.sigma_mm;
+        (x == y && y == z).then_some(x)
+    }
+
+    /// Of the axis that scatters most.
+    #[must_use]
+    pub fn worst_mm(&self) -> f64 {
+        let [x, y, z] = self.sigma_mm;
+        x.max(y).max(z)
+    }
+}
+
+/// Three numbers, or in a text one for all three; bytes have three always.
+fn alike_or_each<'de, D: Deserializer<'de>>(from: D) -> Result<[f64; 3], D::Error> {
+    if from.is_human_readable() {
+        from.deserialize_any(AlikeOrEach)
+    } else {
+        <[f64; 3]>::deserialize(from)
+    }
+}
+
+struct AlikeOrEach;
+
+impl<'de> Visitor<'de> for AlikeOrEach {
+    type Value = [f64; 3];
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a number, or three in brackets: of X, Y and Z")
+    }
+
+    fn visit_f64<E: Error>(self, all: f64) -> Result<[f64; 3], E> {
+        Ok([all; 3])
+    }
+
+    fn visit_i64<E: Error>(self, all: i64) -> Result<[f64; 3], E> {
+        self.visit_f64(all as f64)
+    }
+
+    fn visit_u64<E: Error>(self, all: u64) -> Result<[f64; 3], E> {
+        self.visit_f64(all as f64)
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut each: A) -> Result<[f64; 3], A::Error> {
+        let mut sigma = [0.0; 3];
+        for (at, axis) in sigma.iter_mut().enumerate() {
+            let next = each.next_element()?;
+            *axis = next.ok_or_else(|| Error::invalid_length(at, &self))?;
+        }
+        match each.next_element::<f64>()? {
+            None => Ok(sigma),
+            Some(_) => Err(Error::invalid_length(4, &self)),
+        }
+    }
 }
 
 /// The expansion of plate and part.

@@ -5,6 +5,7 @@
 //! the link and kept in the journal; [`pattern::ReceiverConfig`] says
 //! how the control's lines look.
 
+pub mod before;
 mod correction;
 mod feature;
 mod guards;

@@ -19,7 +19,7 @@ pub use crate::wire::envelope::KEY;
 /// versions with equal keys talk, so that no message is ever half understood.
 pub const VERSION: Version = Version {
     major: 2,
-    minor: 24,
+    minor: 25,
 };
 
 /// First bytes of every Hello.

@@ -701,7 +701,7 @@ fn job() -> Job {
                 centring_mm: 0.003,
             }),
             probing: Some(ProbingSpec {
-                sigma_mm: 0.001,
+                sigma_mm: [0.001, 0.002, 0.003],
                 dof: 19,
             }),
             warmth: Some(WarmthSpec {

@@ -295,7 +295,9 @@ fn check_guards(job: &Job, guards: &Guards) -> Result<(), JobError> {
         }
     }
     if let Some(probing) = guards.probing {
-        positive(probing.sigma_mm, Field::Probing, None)?;
+        for sigma in probing.sigma_mm {
+            positive(sigma, Field::Probing, None)?;
+        }
         positive(probing.dof.into(), Field::Probing, None)?;
     }
     if let Some(warmth) = guards.warmth {

@@ -10,7 +10,7 @@ use std::fmt;
 
 use umi_core::journal::{Chain, Entry, Gap, JournalFault};
 use umi_protocol::config::AccessConfig;
-use umi_protocol::job::{Guards, Teach};
+use umi_protocol::job::{Guards, Teach, before};
 use umi_protocol::message::{JournalInfo, Record};
 use umi_protocol::program::Stated;
 
@@ -101,11 +101,60 @@ pub fn hex(bytes: &[u8]) -> String {
 /// [`Unreadable`].
 pub fn record(entry: &Entry<'_>) -> Result<Record, Unreadable> {
     let unreadable = Unreadable { kind: entry.kind };
+    let of_today = record_of_today(entry, unreadable);
+    match (one_sigma(entry), of_today) {
+        (None, of_today) => of_today,
+        (Some(before), Err(_)) => Ok(before),
+        // Numbers that nobody gave show which of the two it is not.
+        (Some(before), Ok(today)) => {
+            match (has_plain_figures(&before), has_plain_figures(&today)) {
+                (true, false) => Ok(before),
+                (false, true) => Ok(today),
+                _ => Err(unreadable),
+            }
+        }
+    }
+}
+
+fn record_of_today(entry: &Entry<'_>, unreadable: Unreadable) -> Result<Record, Unreadable> {
     match postcard::take_from_bytes::<Record>(entry.payload) {
         Ok((record, [])) if record.kind() == entry.kind => Ok(record),
         Err(postcard::Error::DeserializeUnexpectedEnd) => older(entry).ok_or(unreadable),
         _ => Err(unreadable),
     }
+}
+
+/// A job with a probing sigma as it was recorded up to protocol 2.24, with one for the three axes.
+fn one_sigma(entry: &Entry<'_>) -> Option<Record> {
+    let len = entry.payload.len();
+    if entry.kind != JOB_SET {
+        return None;
+    }
+    let mut bytes = entry.payload.to_vec();
+    bytes.resize(len + before::GROWN, 0);
+    // Behind the record's number.
+    let grown = before::widen(bytes.get_mut(1..)?, len.checked_sub(1)?)?;
+    if grown + 1 == len {
+        return None;
+    }
+    match postcard::take_from_bytes::<Record>(bytes.get(..=grown)?) {
+        Ok((record, [])) if record.kind() == entry.kind => Some(record),
+        _ => None,
+    }
+}
+
+/// Whether what stands about the place of the sigmas is what somebody may have stated: bytes of other
+/// numbers, read as one, are far from it.
+fn has_plain_figures(record: &Record) -> bool {
+    let Record::JobSet { job, .. } = record else {
+        return false;
+    };
+    let guards = &job.guards;
+    let probing = guards.probing.iter().flat_map(|probing| probing.sigma_mm);
+    let warmth = guards.warmth.iter();
+    let warmth = warmth.flat_map(|warmth| [warmth.expansion_ppm_per_k, warmth.at_most_k]);
+    let is_plain = |value: f64| (1e-9..1e9).contains(&value);
+    probing.chain(warmth).all(is_plain) && umi_core::job::check(job).is_ok()
 }
 
 /// A record of an earlier firmware that ends before what was added since. All of that is

@@ -412,6 +412,18 @@ fn limits(job: &Job) -> Table {
     ] {
         table.row([name.to_owned(), value]);
     }
+    if let Some(probing) = &job.guards.probing {
+        let [x, y, z] = probing.sigma_mm;
+        let sigma = match probing.same_mm() {
+            Some(all) => format!("{all} mm"),
+            None => format!("{x}, {y}, {z} mm"),
+        };
+        let name = match probing.same_mm() {
+            Some(_) => "a hit scatters (sigma)",
+            None => "a hit scatters in X, Y, Z",
+        };
+        table.row([name.to_owned(), sigma]);
+    }
     table
 }
 

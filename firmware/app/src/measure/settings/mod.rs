@@ -7,8 +7,8 @@
 //! before each, so that a layout of another version is never misread.
 //!
 //! A message that has nothing to do with jobs may change, and a job that was kept before is in force all the same. Up to
-//! protocol 2.23 the key of all messages stood there: the entries of that one are read, for a job and a sensor have the
-//! same layout since. Where a layout here changes, its kind gets another number, and the entries of the one before get a
+//! protocol 2.23 the key of all messages stood there: the entries of that one are read, for a sensor has the
+//! same layout since, and a job had it up to 2.24 ([`before`]). Where a layout here changes, its kind gets another number, and the entries of the one before get a
 //! reader of their own (`the_layouts_are_those_that_are_kept`). An entry of before is written anew where something is to be
 //! kept, and not sooner: a firmware that is put back after a trial finds what it had kept. A power cut on the way leaves
 //! the old one or the new one.
@@ -23,7 +23,7 @@ use heapless::Vec;
 use umi_core::job::Teaching;
 use umi_core::journal::{Flash, Journal, JournalError};
 use umi_core::units::{Micros, Point};
-use umi_protocol::job::{Job, Lessons, MAX_DATUMS};
+use umi_protocol::job::{Job, Lessons, MAX_DATUMS, before};
 use umi_protocol::message::JobLoss;
 use umi_protocol::point_sensor::{SensorLoss, SensorOnBoard};
 use umi_protocol::schema::key;
@@ -35,14 +35,14 @@ pub type PlacesMm = Vec<[f64; 3], MAX_DATUMS>;
 type Kept = (Job, Option<(PlacesMm, Lessons)>);
 
 /// Kind number of a job's entry, and the key of its layout.
-const JOB: (u8, u64) = (3, key::<(Job, PlacesMm, Lessons)>());
+const JOB: (u8, u64) = (5, key::<(Job, PlacesMm, Lessons)>());
 /// Of a distance sensor's.
 const SENSOR: (u8, u64) = (4, key::<Option<SensorOnBoard>>());
 
 /// The key of all messages of protocol 2.23.
 const MESSAGES_BEFORE: u64 = 0x0f10_eca6_dbb0_0604;
-/// A job's entry up to there, with the layout of today.
-const JOB_BEFORE: (u8, u64) = (1, MESSAGES_BEFORE);
+/// A job's entries up to there and in protocol 2.24, with one sigma for the three axes.
+const JOBS_BEFORE: [(u8, u64); 2] = [(1, MESSAGES_BEFORE), (3, 0xa0a9_5713_f1ef_8f9c)];
 /// A distance sensor's.
 const SENSOR_BEFORE: (u8, u64) = (2, MESSAGES_BEFORE);
 
@@ -81,14 +81,23 @@ impl<F: Flash> JobStore<F> {
                 continue;
             }
             // The check value of the entry is right: what does not fit was written by another.
-            return match postcard::take_from_bytes::<u64>(found.entry.payload) {
-                Ok((layout, rest)) if [JOB, JOB_BEFORE].contains(&(kind, layout)) => {
-                    match postcard::take_from_bytes(rest) {
-                        Ok((settings, [])) => Ok(settings),
-                        _ => Err(JobLoss::Damaged),
-                    }
-                }
-                _ => Err(JobLoss::OtherSchema),
+            let payload = found.entry.payload;
+            let Ok((layout, rest)) = postcard::take_from_bytes::<u64>(payload) else {
+                return Err(JobLoss::OtherSchema);
+            };
+            let (begin, len) = (payload.len() - rest.len(), rest.len());
+            let Some(settings) = scratch.get_mut(begin..) else {
+                return Err(JobLoss::Damaged);
+            };
+            let len = match (kind, layout) {
+                JOB => Some(len),
+                of if JOBS_BEFORE.contains(&of) => before::widen(settings, len),
+                _ => return Err(JobLoss::OtherSchema),
+            };
+            let settings = len.and_then(|len| settings.get(..len));
+            return match settings.map(postcard::take_from_bytes) {
+                Some(Ok((settings, []))) => Ok(settings),
+                _ => Err(JobLoss::Damaged),
             };
         }
         Err(match self.has_lost {

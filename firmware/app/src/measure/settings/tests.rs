@@ -3,7 +3,8 @@ use std::vec::Vec as List;
 
 use umi_core::journal::Geometry;
 use umi_protocol::job::{
-    Compensation, FeatureKind, FeatureSpec, Guards, Limits, Reference, SkipSpec, Teach, name,
+    Compensation, FeatureKind, FeatureSpec, Guards, Limits, ProbingSpec, Reference, SkipSpec,
+    Teach, name,
 };
 use umi_protocol::pattern::ReceiverConfig;
 use umi_protocol::serial::LineSpec;
@@ -93,7 +94,7 @@ fn job(called: &str) -> Job {
 /// before: give the new one another kind number, and the old one a reader of its own.
 #[test]
 fn the_layouts_are_those_that_are_kept() {
-    assert_eq!(JOB, (3, 0xa0a9_5713_f1ef_8f9c));
+    assert_eq!(JOB, (5, 0x6a01_15ab_eb39_a6ee));
     assert_eq!(SENSOR, (4, 0xeb45_5e42_163d_2c24));
 }
 
@@ -128,9 +129,57 @@ fn what_was_kept_before_is_read() {
     assert_eq!(store.load(&mut scratch), Ok((job("B"), None)));
     assert_eq!(store.load_sensor(&mut scratch), Ok(None));
     // As a firmware that was put back keeps it.
-    let payload = postcard::to_slice(&(JOB_BEFORE.1, &old, None::<()>), &mut scratch).unwrap();
-    store.append(JOB_BEFORE.0, Micros(4), payload).unwrap();
-    assert_eq!(store.load(&mut scratch), Ok((old, None)));
+    let without = job("A");
+    for (at, (kind, layout)) in (4..).zip(JOBS_BEFORE) {
+        let payload = postcard::to_slice(&(layout, &without, None::<()>), &mut scratch).unwrap();
+        store.append(kind, Micros(at), payload).unwrap();
+        assert_eq!(store.load(&mut scratch), Ok((without.clone(), None)));
+    }
+}
+
+/// What protocol 2.24 has kept is read, too: its one sigma is that of each axis, and what stands behind
+/// it is as it was.
+#[test]
+fn one_sigma_that_was_kept_is_that_of_each_axis() {
+    for (kept, called, probing, kelvin) in [
+        (
+            &include_bytes!(concat!(
+                env!("CARGO_MANIFEST_DIR"),
+                "/../../tests/reference/kept/settings.flash"
+            ))[..],
+            "THREE BY RUN",
+            ProbingSpec::alike(0.001, 19),
+            6.0,
+        ),
+        (
+            &include_bytes!(concat!(
+                env!("CARGO_MANIFEST_DIR"),
+                "/../../tests/reference/kept-2.24/settings.flash"
+            ))[..],
+            "THREE OF 2-24",
+            ProbingSpec::alike(0.0012, 24),
+            1.0,
+        ),
+    ] {
+        let mut cells = std::vec![0xFF; SECTORS * SECTOR];
+        cells[..kept.len()].copy_from_slice(kept);
+        let mut store = JobStore::open(Cells(cells)).unwrap();
+        let mut scratch = [0; 8192];
+        let (job, taught) = store.load(&mut scratch).unwrap();
+        assert_eq!(job.name.as_str(), called);
+        assert_eq!(job.guards.probing, Some(probing));
+        assert_eq!(job.guards.warmth.unwrap().at_most_k, kelvin);
+        assert_eq!(job.correction.as_ref().unwrap().program_number, 9010);
+        let (places, _) = taught.unwrap();
+        let place = places[0].map(|mm| (mm * 1e4).round());
+        assert_eq!(place, [-1_350_200.0, -1_366_200.0, 1_358_960.0]);
+        // The room that boards have is enough for it, and for the longest: as many bytes for its key, and
+        // one that says whether something is taught.
+        let longest = umi_protocol::schema::max_len::<(u64, Job, PlacesMm, Lessons)>() + 1;
+        assert!(longest <= umi_core::journal::archive::ROOM, "{longest}");
+        let mut room = [0; umi_core::journal::archive::ROOM];
+        assert_eq!(store.load(&mut room).unwrap().0, job);
+    }
 }
 
 /// A layout that nobody here knows is told, and nothing before it counts.
@@ -140,8 +189,10 @@ fn another_layout_is_told() {
     for (kind, layout) in [
         (JOB.0, JOB.1 ^ 1),
         (JOB.0, MESSAGES_BEFORE),
-        (JOB_BEFORE.0, MESSAGES_BEFORE ^ 1),
-        (JOB_BEFORE.0, JOB.1),
+        (JOBS_BEFORE[0].0, MESSAGES_BEFORE ^ 1),
+        (JOBS_BEFORE[0].0, JOB.1),
+        (JOBS_BEFORE[1].0, JOB.1),
+        (JOBS_BEFORE[1].0, JOBS_BEFORE[0].1),
         (9, JOB.1),
     ] {
         let mut store = JobStore::open(Cells(std::vec![0xFF; SECTORS * SECTOR])).unwrap();

@@ -10,7 +10,7 @@ use super::step::{MOST_STEP_MM, Steps};
 use super::teach::{Lesson, TeachingAct};
 use super::{Decision, Progress, Run, Teaching};
 use crate::job::check::{closing, datums, fixed, moves_something, not_guarded, place_count};
-use crate::job::scatter::Scatter;
+use crate::job::scatter::{Scatter, Stated};
 use crate::job::setup;
 use crate::job::setup::DatumPoints;
 use crate::job::witness::Witness;
@@ -220,12 +220,13 @@ impl Run {
         taught
     }
 
-    /// A feature, and those that are this one, probed once more: each with its fit.
+    /// A feature, and those that are this one, probed once more: each with its fit and the points
+    /// of it.
     fn times_probed<'a>(
         &'a self,
         job: &'a Job,
         place: usize,
-    ) -> impl Iterator<Item = (&'a FeatureSpec, &'a FitReport)> {
+    ) -> impl Iterator<Item = (&'a FeatureSpec, &'a FitReport, &'a [[f64; 3]])> {
         let spec = job.features.get(place);
         let repeats = move |(_, closing): &(usize, &Closing)| {
             spec.is_some_and(|spec| spec.name == closing.repeats)
@@ -233,8 +234,9 @@ impl Run {
         let again = closing(job).filter(repeats).map(|(again, _)| again);
         let times = core::iter::once(place).chain(again);
         times.filter_map(|place| {
-            let fit = self.in_this_setup(place)?.fit.as_ref()?;
-            Some((job.features.get(place)?, fit))
+            let result = self.in_this_setup(place)?;
+            let (fit, points) = (result.fit.as_ref()?, &result.points_mm[..]);
+            Some((job.features.get(place)?, fit, points))
         })
     }
 
@@ -246,7 +248,7 @@ impl Run {
         };
         let taught = reference.iter().skip(datums(job).count());
         for ((place, _), taught) in fixed(job).zip(taught) {
-            for (feature, fit) in self.times_probed(job, place) {
+            for (feature, fit, _) in self.times_probed(job, place) {
                 if let Some(now) = fit.shape.position_mm() {
                     let now = Point::from_array_mm(now);
                     setup::against_fixed(verdict, limit_mm, &feature.name, *taught, now);
@@ -261,7 +263,7 @@ impl Run {
     /// between them, within the limit of closing, is halved so.
     fn stands_at(&self, job: &Job, place: usize) -> Option<Point> {
         let (mut sum, mut times) = (Vector3::zeros(), 0.0);
-        for (_, fit) in self.times_probed(job, place) {
+        for (_, fit, _) in self.times_probed(job, place) {
             sum += Vector3::from(fit.shape.position_mm()?);
             times += 1.0;
         }
@@ -416,13 +418,16 @@ impl Run {
     }
 
     /// What the features' fits and the job say of the scatter of hits.
+    #[inline(never)]
     fn scatter(&self, job: &Job) -> Option<Scatter> {
         let step_mm = self.step_mm(job).min(MOST_STEP_MM);
-        let is_taught = self.reference_is_taught();
-        let mut scatter = Scatter::of(job.guards.probing?, step_mm, is_taught);
+        let mut stated = Stated::of(job.guards.probing?, step_mm);
+        let mut scatter = Scatter::of(&stated, self.reference_is_taught());
         for (place, _) in datums(job) {
-            scatter.add(self.times_probed(job, place).map(|(_, fit)| fit));
+            let times = self.times_probed(job, place);
+            scatter.add(&mut stated, times.map(|(_, fit, points)| (fit, points)));
         }
+        scatter.settle(&stated);
         Some(scatter)
     }
 

@@ -12,6 +12,23 @@
 //! F.2.2.1). That is known and not estimated, so the prior's degrees of freedom grow by the square
 //! of what its variance grows by (G.4.1). The residuals have the step in them.
 //!
+//! Where the job states another sigma for each axis, the variance of a hit is `Σ nₖ² σₖ²` along its
+//! surface's normal n, and the step's. The fits are unweighted all the same, so each carries the
+//! covariance `A Jᵀ V J A` with `A = (JᵀJ)⁻¹` and V the hits' variances (H. White, Econometrica 48,
+//! 1980). What the residuals tell is one factor by which all stated variances are wrong: with the
+//! hat matrix `H = J A Jᵀ` of a fit it is `Σ r² / tr((I-H) V)`, with
+//! `tr((I-H) V)² / tr(((I-H) V)²)` degrees of freedom (F. E. Satterthwaite, Biometrics Bulletin 2,
+//! 1946; JCGM 100:2008, G.4.1). By the job alone it is 1. Both are pooled as above. With three
+//! alike all of that is the rule above, and is worked out as there, to the same bits.
+//!
+//! Residuals of the sides say nothing of a sigma of Z that is wrong. With cₖ the part of axis k in
+//! the variances of the places, wₖ its part in what the residuals are expected to be, D their
+//! degrees of freedom, ν those of each sigma and P = D / (ν + D) what the residuals count, what is
+//! stated has `1 / (Σ (cₖ - P wₖ)² / ν + P² / D)` of them: the three sigmas and the residuals are
+//! independent, and the relative variance of a variance is 2 / ν (G.4.2). The reference is taken to have
+//! been measured as the part stands now: in one that is turned by a right angle X and Y change
+//! places.
+//!
 //! It is carried through each fit (its unit covariance) and through the registration to the
 //! part: with n places at arms aᵢ from their centroid, `H = Σ (|aᵢ|² I - aᵢ aᵢᵀ)`, an error eᵢ of
 //! place i moves a point at arm d by `Mᵢ eᵢ`, `Mᵢ = I/n - [d]× H⁻¹ [aᵢ]×`. The place of a feature
@@ -31,18 +48,51 @@
 //! differ, after F. E. Satterthwaite (Biometrics Bulletin 2, 1946), and with a known part after
 //! P. B. Patnaik (Biometrika 36, 1949).
 
+mod axes;
+
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use umi_protocol::feature::{FitReport, Shape};
 use umi_protocol::job::{CorrectionSpec, MAX_DATUMS, ProbingSpec};
 
+use self::axes::{Axes, carried};
 use crate::correction;
 use crate::registration::Registration;
 use crate::units::Point;
 
-/// The pooled variance of a hit, and the unit covariances of the datum places.
+/// What the job states of one hit, and what the control's step adds.
+#[derive(Clone, Copy, Debug)]
+pub struct Stated {
+    /// Variance of a hit along the axis that scatters most, mm².
+    hit: f64,
+    /// With the step's, mm².
+    variance: f64,
+    /// Degrees of freedom.
+    dof: f64,
+    /// Where the axes do not scatter alike.
+    axes: Option<Axes>,
+}
+
+impl Stated {
+    /// By the job, and by the step of the control's coordinates.
+    pub fn of(probing: ProbingSpec, step_mm: f64) -> Self {
+        let sigma_mm = probing.worst_mm();
+        let hit = sigma_mm * sigma_mm;
+        let step = step_mm * step_mm / 12.0;
+        let dof = f64::from(probing.dof);
+        let is_alike = probing.same_mm().is_some();
+        Self {
+            hit,
+            variance: hit + step,
+            dof,
+            axes: (!is_alike).then(|| Axes::new(probing.sigma_mm, step, dof)),
+        }
+    }
+}
+
+/// The pooled variance of a hit, and the covariances of the datum places in its units.
 #[derive(Clone, Debug)]
 pub struct Scatter {
-    /// Sum of squares, mm².
+    /// Sum of squares, mm²; of what is stated, where the axes do not scatter alike.
     squares: f64,
     /// Degrees of freedom.
     dof: f64,
@@ -61,38 +111,88 @@ pub struct Expected {
 }
 
 impl Scatter {
-    /// What the job says before anything is measured, and the step of the control's coordinates.
-    pub fn of(probing: ProbingSpec, step_mm: f64, taught: bool) -> Self {
-        let hit = probing.sigma_mm * probing.sigma_mm;
-        let variance = hit + step_mm * step_mm / 12.0;
-        let grows = variance / hit;
-        let dof = f64::from(probing.dof) * grows * grows;
+    /// What the job says before anything is measured.
+    pub fn of(stated: &Stated, taught: bool) -> Self {
+        let grows = stated.variance / stated.hit;
+        let dof = stated.dof * grows * grows;
+        let unit = match stated.axes {
+            None => stated.variance,
+            Some(_) => 1.0,
+        };
         Self {
-            squares: dof * variance,
+            squares: dof * unit,
             dof,
             places: heapless::Vec::new(),
             taught,
         }
     }
 
-    /// A datum feature was fitted, each time that it was probed: its place is their mean.
-    pub fn add<'a>(&mut self, times: impl Iterator<Item = &'a FitReport>) {
-        let (mut sum, mut count) = (Matrix3::zeros(), 0.0);
-        for fit in times {
-            if let Some(sigma) = fit.sigma_mm {
-                let dof = f64::from(fit.dof);
-                self.squares += dof * sigma * sigma;
-                self.dof += dof;
-            }
-            sum += match &fit.shape {
-                Shape::Sphere { cov_unit, .. } | Shape::Circle { cov_unit, .. } => corner(cov_unit),
-                Shape::Cone { cov_unit_apex, .. } => corner(cov_unit_apex),
-                _ => Matrix3::identity(),
+    /// A datum feature was fitted to points, each time that it was probed: its place is their mean.
+    pub fn add<'a>(
+        &mut self,
+        stated: &mut Stated,
+        times: impl Iterator<Item = (&'a FitReport, &'a [[f64; 3]])>,
+    ) {
+        let (mut sum, mut count, mut of_axis) = (Matrix3::zeros(), 0.0, Vector3::zeros());
+        for (fit, points) in times {
+            sum += match &mut stated.axes {
+                None => self.one(fit),
+                Some(axes) => self.one_by_axis(fit, points, axes, &mut of_axis),
             };
             count += 1.0;
         }
+        let place = sum / (count * count);
+        if let Some(axes) = &mut stated.axes {
+            axes.place(&place, &(of_axis / (count * count)));
+        }
         // Bounded: the job check limits the datums.
-        let _ = self.places.push(sum / (count * count));
+        let _ = self.places.push(place);
+    }
+
+    /// Takes a fit's residuals in; the unit covariance of its place.
+    fn one(&mut self, fit: &FitReport) -> Matrix3<f64> {
+        if let Some(sigma) = fit.sigma_mm {
+            let dof = f64::from(fit.dof);
+            self.squares += dof * sigma * sigma;
+            self.dof += dof;
+        }
+        match &fit.shape {
+            Shape::Sphere { cov_unit, .. } | Shape::Circle { cov_unit, .. } => corner(cov_unit),
+            Shape::Cone { cov_unit_apex, .. } => corner(cov_unit_apex),
+            _ => Matrix3::identity(),
+        }
+    }
+
+    /// The same; the stated covariance, and each axis' part. Not a number where it cannot be told, and so is
+    /// all else then.
+    #[inline(never)]
+    fn one_by_axis(
+        &mut self,
+        fit: &FitReport,
+        points: &[[f64; 3]],
+        axes: &mut Axes,
+        of_axis: &mut Vector3<f64>,
+    ) -> Matrix3<f64> {
+        let Some(carried) = carried(fit, points, axes) else {
+            return Matrix3::from_element(f64::NAN);
+        };
+        *of_axis += carried.of_place;
+        if let Some(sigma) = fit.sigma_mm {
+            axes.residuals(&carried);
+            let squares = f64::from(fit.dof) * sigma * sigma;
+            self.squares += carried.dof * squares / carried.squares;
+            self.dof += carried.dof;
+        }
+        carried.place
+    }
+
+    /// All datum features are in it.
+    pub fn settle(&mut self, stated: &Stated) {
+        if let Some(axes) = &stated.axes {
+            let dof = axes.dof(self.dof).min(MOST_DOF);
+            self.squares *= dof / self.dof;
+            self.dof = dof;
+        }
     }
 
     /// Variance of one hit, mm²; counted twice where the reference was measured, too.

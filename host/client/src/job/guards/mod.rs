@@ -11,8 +11,8 @@
 //! - of the worst feature, in the worst direction (13 of them, and a search from the worst);
 //! - wherever the part stands: its own tilt, turn, shift and warmth, each anywhere within the
 //!   job's limits, make up for as much of the error's as they can;
-//! - three standard deviations of what the hits scatter are added, by the job's probing sigma
-//!   (1 µm without one).
+//! - three standard deviations of what the hits scatter are added, by the job's probing sigma of the
+//!   axis that scatters most (1 µm without one).
 //!
 //! A taught job without `position_mm` has no places: its datum features are then taken evenly
 //! on a circle of [`ASSUMED_RADIUS_MM`].

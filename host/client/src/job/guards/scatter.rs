@@ -47,7 +47,7 @@ fn passes(job: &Job, feature: &FeatureSpec, sigma_mm: f64) -> f64 {
     if free < 1.0 {
         return 1.0;
     }
-    let taught = job.guards.probing.map_or(0.0, |probing| probing.sigma_mm);
+    let taught = job.guards.probing.map_or(0.0, |probing| probing.worst_mm());
     let (rms_mm, radius) = match job.guards.learned {
         None => (job.limits.rms_mm, 1.0),
         Some(learned) => {

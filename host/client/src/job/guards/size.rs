@@ -59,7 +59,7 @@ impl Setup {
 
     pub(super) fn scatter_um(&self, balls: usize) -> f64 {
         let probing = self.job.guards.probing;
-        let hit_um = probing.map_or(ASSUMED_SIGMA_UM, |probing| probing.sigma_mm * 1e3);
+        let hit_um = probing.map_or(ASSUMED_SIGMA_UM, |probing| probing.worst_mm() * 1e3);
         // A ball's centre scatters as one hit does, at most: the lone hit of its top.
         3.0 * (2.0 * balls as f64).sqrt() * hit_um
     }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use serde_json::Value;
+use serde_json::{Value, json};
 use umi_virtual::serve::{Port, PortPlace};
 use umi_virtual::{BoardTime, Config, VirtualBoard};
 
@@ -186,22 +186,52 @@ fn nobody_reads_a_locked_board_where_its_owner_says_so() {
     assert_eq!(got["config"]["access"]["locked_reading"], "nobody");
 }
 
-/// What a board of protocol 2.23 has kept is in force on this one, and its journal is read as it was:
-/// verified, with the configuration that it tells.
-#[test]
-fn a_board_of_before_is_taken_over() {
-    let kept =
-        |name: &str| std::fs::read(project(&format!("tests/reference/kept/{name}"))).unwrap();
+/// A board whose flash an earlier one has left.
+fn left_by(folder: &str, names: &[&str]) -> super::access::Rig {
     let mut rig = super::access::Rig::new(false);
     rig.stop();
-    for name in ["settings", "custody"] {
+    for name in names {
         let file = rig.folder.path(&format!("state/{name}.flash"));
         let mut bytes = vec![0xFF; std::fs::metadata(&file).unwrap().len() as usize];
-        let found = kept(&format!("{name}.flash"));
+        let found = project(&format!("tests/reference/{folder}/{name}.flash"));
+        let found = std::fs::read(found).unwrap();
         bytes[..found.len()].copy_from_slice(&found);
         std::fs::write(&file, bytes).unwrap();
     }
     rig.start(false);
+    rig
+}
+
+/// A job that a board of protocol 2.24 has kept, with one probing sigma for the three axes, is in force on
+/// this one, with its reference. Its journal is read as it was, and played again it comes to the same
+/// verdicts to the last digit.
+#[test]
+fn one_sigma_of_before_is_taken_over() {
+    let rig = left_by("kept-2.24", &["settings"]);
+    let shown = rig.run(&["job", "show"]).exits(0).json();
+    assert_eq!(shown["job"]["name"], "THREE OF 2-24");
+    let probing = &shown["job"]["guards"]["probing"];
+    assert_eq!(probing["sigma_mm"], json!([0.0012, 0.0012, 0.0012]));
+    assert_eq!(probing["dof"], 24);
+    assert_eq!(shown["job"]["guards"]["warmth"]["at_most_k"], 1.0);
+    assert_eq!(shown["taught_mm"].as_array().unwrap().len(), 3);
+
+    let file = project("tests/reference/kept-2.24/journal.umij");
+    let listed = umi(&["log", &file, "--json"]).exits(0).json_lines();
+    assert!(!listed.iter().any(|of| of["type"] == "unreadable"));
+    let told: Vec<_> = listed.iter().filter(|of| of["type"] == "job_set").collect();
+    assert_eq!(told.len(), 2, "{told:?}");
+    for told in told {
+        assert_eq!(told["job"]["guards"]["probing"], *probing);
+    }
+    umi(&["replay", &file]).exits(0);
+}
+
+/// What a board of protocol 2.23 has kept is in force on this one, and its journal is read as it was:
+/// verified, with the configuration that it tells.
+#[test]
+fn a_board_of_before_is_taken_over() {
+    let mut rig = left_by("kept", &["settings", "custody"]);
     let info = rig.run(&["info"]).exits(0).json();
     assert_eq!(info["status"]["job"], "THREE BY RUN", "{info}");
     assert_eq!(info["teachings"], 1);

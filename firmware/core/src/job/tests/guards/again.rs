@@ -269,10 +269,7 @@ fn warmth_is_told() {
         expansion_ppm_per_k: 11.5,
         at_most_k: 6.0,
     });
-    warm.guards.probing = Some(ProbingSpec {
-        sigma_mm: 0.001,
-        dof: 19,
-    });
+    warm.guards.probing = Some(ProbingSpec::alike(0.001, 19));
     let clamped = |job: Job, kelvin: f64| {
         let mut blocks = session_a();
         let scale = 1.0 + 11.5e-6 * kelvin;
