@@ -17,6 +17,8 @@ use umi_core::units::Point;
 
 use crate::cmd::{Board, Format};
 
+use super::probing::Probing;
+
 /// Begin or check a job file, or read and replace the job of a board
 #[derive(Args)]
 #[command(after_help = HELP)]
@@ -28,6 +30,7 @@ pub(crate) struct Job {
 const HELP: &str = "\
 Examples:
   umi job new -o job.toml
+  umi job probing --x x.csv --y y.csv --z z.csv
   umi job check job.toml
   umi job set job.toml --port /dev/ttyACM0
   umi job show --port tcp://localhost:7001
@@ -36,6 +39,7 @@ Examples:
 #[derive(Subcommand)]
 enum Action {
     New(New),
+    Probing(Probing),
     Check(Check),
     Show(Show),
     Set(Set),
@@ -138,6 +142,7 @@ impl Job {
     pub fn run(self) -> Result<(), Failure> {
         match self.action {
             Action::New(action) => action.run(),
+            Action::Probing(action) => action.run(),
             Action::Check(action) => action.run(),
             Action::Show(action) => action.run(),
             Action::Set(action) => action.run(),

@@ -1,5 +1,7 @@
 //! `umi job new`, `umi job check`
 
+use serde_json::json;
+
 use crate::rig::run::{Folder, project, umi, umi_reads};
 
 fn example() -> String {
@@ -255,6 +257,83 @@ fn a_new_job_is_explicit() {
         said.contains("not guarded: text of another clamping"),
         "{said}"
     );
+}
+
+/// Repeated hits of each axis become the lines of a job, which takes them, as it takes one number for all;
+/// a wrong sigma of one axis is refused by the field's name and at its line.
+#[test]
+fn a_sigma_of_each_axis() {
+    let folder = Folder::new();
+    let hits = |name: &str, axis: usize, um: &[f64]| {
+        let line = |um: &f64| {
+            let mut at = [10.0, 20.0, 30.0];
+            at[axis] += um * 1e-3;
+            format!("{:.4} {:.4} {:.4}\n", at[0], at[1], at[2])
+        };
+        folder.file(name, &um.iter().map(line).collect::<String>())
+    };
+    let x = hits("x.csv", 0, &[0.0, 1.0, 2.0, 3.0]);
+    let y = hits("y.csv", 1, &[0.0, 2.0, 4.0]);
+    let z = hits("z.csv", 2, &[0.0, 6.0, 3.0, 0.0, 6.0]);
+    let args = ["job", "probing", "--x", &x, "--y", &y, "--z", &z];
+    let value = umi(&[&args[..], &["--json"]].concat()).exits(0).json();
+    let told = |at: usize| value["probing"]["sigma_mm"][at].as_f64().unwrap();
+    assert!((told(0) - (5.0_f64 / 3.0).sqrt() * 1e-3).abs() < 1e-9);
+    assert!((told(1) - 0.002).abs() < 1e-9 && (told(2) - 0.003).abs() < 1e-9);
+    assert_eq!(value["probing"]["dof"], 2);
+    let said = umi(&args).exits(0).out;
+    let (_, lines) = said.split_once("[guards.probing]").unwrap();
+    assert!(lines.contains("sigma_mm = [0.001291, 0.002000, 0.003000]\ndof = 2"));
+
+    let job = umi(&["job", "new"]).exits(0).out;
+    let with = |sigma: &str| {
+        let job = job.replace("sigma_mm = 0.001 ", &format!("sigma_mm = {sigma} "));
+        folder.file("plate.toml", &job)
+    };
+    let sigma = |text: &str| {
+        let job = umi(&["job", "check", &with(text), "--json"])
+            .exits(0)
+            .json();
+        job["job"]["guards"]["probing"]["sigma_mm"].clone()
+    };
+    assert_eq!(sigma("0.001"), json!([0.001, 0.001, 0.001]));
+    assert_eq!(sigma("[0.001, 0.001, 0.003]"), json!([0.001, 0.001, 0.003]));
+    let said = umi(&["job", "check", &with("[0.001, 0.001, 0.003]")]).exits(0);
+    assert!(said.out.contains("0.001, 0.001, 0.003 mm"), "{}", said.out);
+    for (wrong, code) in [
+        ("[0.001, 0.0, 0.003]", "bad_value"),
+        ("[0.001, 0.001, nan]", "bad_value"),
+        ("[0.001, 0.001, -0.003]", "bad_value"),
+        ("[inf, 0.001, 0.003]", "bad_value"),
+        ("0.0", "bad_value"),
+        ("[0.001, 0.003]", "job_syntax"),
+        ("[0.001, 0.001, 0.001, 0.001]", "job_syntax"),
+        ("\"0.001\"", "job_syntax"),
+    ] {
+        let ran = umi(&["job", "check", &with(wrong), "--json"]).exits(2);
+        let error = &ran.json()["error"];
+        assert_eq!(error["code"], code, "{wrong}: {error}");
+        let said = error["message"].to_string();
+        assert!(
+            said.contains(if code == "bad_value" {
+                "guards.probing"
+            } else {
+                "three in brackets"
+            }),
+            "{wrong}: {said}"
+        );
+    }
+
+    let once = hits("once.csv", 2, &[0.0]);
+    let same = hits("same.csv", 2, &[0.0, 0.0]);
+    for (z, code) in [
+        (&once, "too_few_hits"),
+        (&same, "no_scatter"),
+        (&x, "no_scatter"),
+    ] {
+        let ran = umi(&["job", "probing", "--x", &x, "--y", &y, "--z", z, "--json"]).exits(2);
+        assert_eq!(ran.json()["error"]["code"], code);
+    }
 }
 
 /// GRBL has no word that raises an alarm, and no variable for a run: the job says both.
