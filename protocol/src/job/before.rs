@@ -2,9 +2,12 @@
 //!
 //! They stand in the settings of boards and in journals. All else of them is as today, so the two
 //! sigmas that are missing are put in, and what comes out is read as a job of today. Where
-//! another part of a job changes its layout, the types of before go with it into [`Head`].
+//! another part of a job changes its layout, the types of before go with it into [`sigma_end`].
 
 use heapless::Vec;
+use postcard::Deserializer;
+use postcard::de_flavors::Slice;
+use serde::Deserialize;
 
 use super::pattern::ReceiverConfig;
 use super::{
@@ -13,31 +16,7 @@ use super::{
 };
 
 /// So many bytes a job is longer than it was, at most.
-pub const GROWN: usize = 16;
-
-/// A job up to its sigma.
-type Head = (
-    Name,
-    Reference,
-    u32,
-    ReceiverConfig,
-    Vec<FeatureSpec, MAX_FEATURES, u8>,
-    Compensation,
-    Limits,
-    Option<CorrectionSpec>,
-    Option<WitnessSpec>,
-    Teach,
-    GuardsHead,
-);
-
-type GuardsHead = (
-    Vec<Closing, MAX_CLOSING, u8>,
-    Vec<Name, MAX_FIXED, u8>,
-    Option<f64>,
-    Option<f64>,
-    Option<LearnedLimits>,
-    Option<[u8; SIGMA]>,
-);
+pub const GROWN: usize = 2 * SIGMA;
 
 /// Bytes of a number.
 const SIGMA: usize = 8;
@@ -48,25 +27,51 @@ pub fn widen(bytes: &mut [u8], len: usize) -> Option<usize> {
     let Some(end) = sigma_end(bytes.get(..len)?)? else {
         return Some(len);
     };
-    let sigma = end.checked_sub(SIGMA)?..end;
-    let grown = len
-        .checked_add(GROWN)
-        .filter(|grown| *grown <= bytes.len())?;
-    bytes.copy_within(end..len, end + GROWN);
-    for times in 1..=GROWN / SIGMA {
-        bytes.copy_within(sigma.clone(), sigma.start + times * SIGMA);
+    let grown = len.checked_add(GROWN)?;
+    let behind = bytes.get_mut(end.checked_sub(SIGMA)?..grown)?;
+    let (sigma, behind) = behind.split_first_chunk_mut::<SIGMA>()?;
+    // From the end on, so that nothing is overwritten that is still to be moved.
+    for to in (GROWN..behind.len()).rev() {
+        let byte = behind.get(to - GROWN).copied()?;
+        *behind.get_mut(to)? = byte;
     }
+    let (second, behind) = behind.split_first_chunk_mut::<SIGMA>()?;
+    let (third, _) = behind.split_first_chunk_mut::<SIGMA>()?;
+    (*second, *third) = (*sigma, *sigma);
     Some(grown)
 }
 
 /// Where its sigma ends, if it has one; none if it is no job.
-///
-/// Not inlined: it has room for a whole job on its stack.
 #[inline(never)]
 fn sigma_end(job: &[u8]) -> Option<Option<usize>> {
-    let (head, rest) = postcard::take_from_bytes::<Head>(job).ok()?;
-    let (.., (.., sigma)) = head;
-    Some(sigma.map(|_| job.len() - rest.len()))
+    let mut bytes = Bytes::from_bytes(job);
+    take::<Name>(&mut bytes)?;
+    take::<Reference>(&mut bytes)?;
+    take::<u32>(&mut bytes)?;
+    take::<ReceiverConfig>(&mut bytes)?;
+    take::<Vec<FeatureSpec, MAX_FEATURES, u8>>(&mut bytes)?;
+    take::<Compensation>(&mut bytes)?;
+    take::<Limits>(&mut bytes)?;
+    take::<Option<CorrectionSpec>>(&mut bytes)?;
+    take::<Option<WitnessSpec>>(&mut bytes)?;
+    take::<Teach>(&mut bytes)?;
+    take::<Vec<Closing, MAX_CLOSING, u8>>(&mut bytes)?;
+    take::<Vec<Name, MAX_FIXED, u8>>(&mut bytes)?;
+    for _ in ["fixed_mm", "nominal_distance_mm"] {
+        take::<Option<f64>>(&mut bytes)?;
+    }
+    take::<Option<LearnedLimits>>(&mut bytes)?;
+    let sigma = take::<Option<f64>>(&mut bytes)?;
+    let rest = bytes.finalize().ok()?;
+    Some(sigma.map(|_| job.len().saturating_sub(rest.len())))
+}
+
+type Bytes<'a> = Deserializer<'a, Slice<'a>>;
+
+/// The value that comes next. Not inlined: it has room for one on its stack.
+#[inline(never)]
+fn take<'a, T: Deserialize<'a>>(bytes: &mut Bytes<'a>) -> Option<T> {
+    T::deserialize(bytes).ok()
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@
 use umi_client::files::{config_file, head_file, image_file, job_file, key_file};
 use umi_core::job::check;
 use umi_protocol::job::Job;
+use umi_protocol::job::before::{GROWN, widen};
 
 /// One input.
 pub fn one(data: &[u8]) {
@@ -53,8 +54,12 @@ pub fn one(data: &[u8]) {
                 assert_eq!([&image.header_bytes[..], &image.payload].concat(), file);
             }
         }
-        // As a host sends it: a board checks it again.
+        // As a board of before has kept it, and as a host sends it: a board checks it again.
         _ => {
+            let mut kept = [file, &[0; GROWN]].concat();
+            if let Some(len) = widen(&mut kept, file.len()) {
+                assert!(len == file.len() || len == kept.len());
+            }
             if let Ok((job, _)) = postcard::take_from_bytes::<Job>(file)
                 && check(&job).is_ok()
             {

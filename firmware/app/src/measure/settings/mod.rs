@@ -85,7 +85,7 @@ impl<F: Flash> JobStore<F> {
             let Ok((layout, rest)) = postcard::take_from_bytes::<u64>(payload) else {
                 return Err(JobLoss::OtherSchema);
             };
-            let (begin, len) = (payload.len() - rest.len(), rest.len());
+            let (begin, len) = (payload.len().saturating_sub(rest.len()), rest.len());
             let Some(settings) = scratch.get_mut(begin..) else {
                 return Err(JobLoss::Damaged);
             };

@@ -173,9 +173,9 @@ fn one_sigma_that_was_kept_is_that_of_each_axis() {
         let (places, _) = taught.unwrap();
         let place = places[0].map(|mm| (mm * 1e4).round());
         assert_eq!(place, [-1_350_200.0, -1_366_200.0, 1_358_960.0]);
-        // The room that boards have is enough for it, and for the longest: as many bytes for its key, and
-        // one that says whether something is taught.
-        let longest = umi_protocol::schema::max_len::<(u64, Job, PlacesMm, Lessons)>() + 1;
+        // The room that boards have is enough for it, and for the longest: ten bytes are its key, and
+        // one says whether something is taught.
+        let longest = umi_protocol::schema::max_len::<(Job, PlacesMm, Lessons)>() + 10 + 1;
         assert!(longest <= umi_core::journal::archive::ROOM, "{longest}");
         let mut room = [0; umi_core::journal::archive::ROOM];
         assert_eq!(store.load(&mut room).unwrap().0, job);

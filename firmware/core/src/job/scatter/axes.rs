@@ -106,13 +106,20 @@ fn round(
     points: &[[f64; 3]],
     axes: &Axes,
 ) -> Carried {
+    // As if the parameters that only a cone has did nothing.
+    let mut wide = [[0.0; 6]; 6];
+    for (wide, row) in wide.iter_mut().zip(unit) {
+        for (wide, value) in wide.iter_mut().zip(row) {
+            *wide = *value;
+        }
+    }
     let mut sums = Sums::new(axes);
     for point in points {
         let arm = Vector3::from(*point) - Vector3::from(*center);
         let arm = arm - axis * axis.dot(&arm);
         let normal = arm / libm::sqrt(arm.norm_squared());
-        let row = [normal.x, normal.y, normal.z, 1.0];
-        sums.add(unit, &normal, &row, &|[x, y, z, _]| {
+        let row = [normal.x, normal.y, normal.z, 1.0, 0.0, 0.0];
+        sums.add(&wide, &normal, &row, &|[x, y, z, ..]| {
             Vector3::new(*x, *y, *z)
         });
     }
@@ -211,21 +218,21 @@ impl Cone {
 }
 
 /// With V the hits' variances, J the rows and A the unit covariance of a fit, hit by hit.
-struct Sums<'a, const K: usize> {
+struct Sums<'a> {
     axes: &'a Axes,
     /// `A Jᵀ V J`
-    inner: Square<K>,
+    inner: Square<6>,
     /// `tr(V²) - 2 tr(H V²)`, with `H = J A Jᵀ`.
     pairs: f64,
     /// Its squares are `tr((I-H) V)`.
     carried: Carried,
 }
 
-impl<'a, const K: usize> Sums<'a, K> {
+impl<'a> Sums<'a> {
     fn new(axes: &'a Axes) -> Self {
         Self {
             axes,
-            inner: [[0.0; K]; K],
+            inner: [[0.0; 6]; 6],
             pairs: 0.0,
             carried: Carried {
                 place: Matrix3::zeros(),
@@ -241,10 +248,10 @@ impl<'a, const K: usize> Sums<'a, K> {
     #[inline(never)]
     fn add(
         &mut self,
-        unit: &Square<K>,
+        unit: &Square<6>,
         normal: &Vector3<f64>,
-        row: &[f64; K],
-        to_place: &dyn Fn(&[f64; K]) -> Vector3<f64>,
+        row: &[f64; 6],
+        to_place: &dyn Fn(&[f64; 6]) -> Vector3<f64>,
     ) {
         let of_axis = normal.component_mul(normal).component_mul(&self.axes.hit);
         let variance = of_axis.sum() + self.axes.step;
@@ -279,6 +286,7 @@ impl<'a, const K: usize> Sums<'a, K> {
     }
 }
 
-fn dot<const K: usize>(a: &[f64; K], b: &[f64; K]) -> f64 {
+#[inline(never)]
+fn dot(a: &[f64; 6], b: &[f64; 6]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
