@@ -10,7 +10,7 @@ use super::step::{MOST_STEP_MM, Steps};
 use super::teach::{Lesson, TeachingAct};
 use super::{Decision, Progress, Run, Teaching};
 use crate::job::check::{closing, datums, fixed, moves_something, not_guarded, place_count};
-use crate::job::scatter::{Scatter, Stated};
+use crate::job::scatter::{Scatter, StatedScatter};
 use crate::job::setup;
 use crate::job::setup::DatumPoints;
 use crate::job::witness::Witness;
@@ -421,7 +421,7 @@ impl Run {
     #[inline(never)]
     fn scatter(&self, job: &Job) -> Option<Scatter> {
         let step_mm = self.step_mm(job).min(MOST_STEP_MM);
-        let mut stated = Stated::of(job.guards.probing?, step_mm);
+        let mut stated = StatedScatter::of(job.guards.probing?, step_mm);
         let mut scatter = Scatter::of(&stated, self.reference_is_taught());
         for (place, _) in datums(job) {
             let times = self.times_probed(job, place);

@@ -7,7 +7,7 @@ use crate::fit::solve::linalg::{Qr, Square, perpendicular_frame};
 
 /// What is stated of each axis, and what each has its part in.
 #[derive(Clone, Copy, Debug)]
-pub struct Axes {
+pub struct ByAxis {
     /// Variances of a hit along X, Y and Z, mm².
     hit: Vector3<f64>,
     /// What the control's step adds along any normal, mm².
@@ -22,7 +22,7 @@ pub struct Axes {
     of_places: Vector3<f64>,
 }
 
-impl Axes {
+impl ByAxis {
     pub fn new(sigma_mm: [f64; 3], step: f64, dof: f64) -> Self {
         Self {
             hit: sigma_mm.map(|sigma_mm| sigma_mm * sigma_mm).into(),
@@ -42,7 +42,7 @@ impl Axes {
     }
 
     /// A fit's residuals count.
-    pub fn residuals(&mut self, carried: &Carried) {
+    pub fn residuals(&mut self, carried: &CarriedScatter) {
         self.residuals += carried.dof;
         self.of_residuals += carried.of_squares * (carried.dof / carried.squares);
     }
@@ -56,7 +56,7 @@ impl Axes {
 
 /// What a fit carries of its hits, each of them with the stated variance.
 #[derive(Clone, Copy, Debug)]
-pub struct Carried {
+pub struct CarriedScatter {
     /// The covariance of its place, mm².
     pub place: Matrix3<f64>,
     /// What each axis has of its trace.
@@ -71,7 +71,7 @@ pub struct Carried {
 
 /// By its hits; none where it has no place.
 #[inline(never)]
-pub fn carried(fit: &FitReport, points: &[[f64; 3]], axes: &Axes) -> Option<Carried> {
+pub fn carried(fit: &FitReport, points: &[[f64; 3]], axes: &ByAxis) -> Option<CarriedScatter> {
     match &fit.shape {
         Shape::Sphere {
             center_mm,
@@ -104,8 +104,8 @@ fn round(
     axis: &Vector3<f64>,
     unit: &Square<4>,
     points: &[[f64; 3]],
-    axes: &Axes,
-) -> Carried {
+    axes: &ByAxis,
+) -> CarriedScatter {
     // As if the parameters that only a cone has did nothing.
     let mut wide = [[0.0; 6]; 6];
     for (wide, row) in wide.iter_mut().zip(unit) {
@@ -206,7 +206,7 @@ impl Cone {
     }
 
     #[inline(never)]
-    fn carried(&self, points: &[[f64; 3]], axes: &Axes) -> Option<Carried> {
+    fn carried(&self, points: &[[f64; 3]], axes: &ByAxis) -> Option<CarriedScatter> {
         let unit = self.unit(points)?;
         let mut sums = Sums::new(axes);
         for point in points {
@@ -219,22 +219,22 @@ impl Cone {
 
 /// With V the hits' variances, J the rows and A the unit covariance of a fit, hit by hit.
 struct Sums<'a> {
-    axes: &'a Axes,
+    axes: &'a ByAxis,
     /// `A Jᵀ V J`
     inner: Square<6>,
     /// `tr(V²) - 2 tr(H V²)`, with `H = J A Jᵀ`.
     pairs: f64,
     /// Its squares are `tr((I-H) V)`.
-    carried: Carried,
+    carried: CarriedScatter,
 }
 
 impl<'a> Sums<'a> {
-    fn new(axes: &'a Axes) -> Self {
+    fn new(axes: &'a ByAxis) -> Self {
         Self {
             axes,
             inner: [[0.0; 6]; 6],
             pairs: 0.0,
-            carried: Carried {
+            carried: CarriedScatter {
                 place: Matrix3::zeros(),
                 of_place: Vector3::zeros(),
                 squares: 0.0,
@@ -273,7 +273,7 @@ impl<'a> Sums<'a> {
     }
 
     /// All hits are in it.
-    fn carried(mut self) -> Carried {
+    fn carried(mut self) -> CarriedScatter {
         // tr(H V H V) = tr((A Jᵀ V J)²)
         let mut pairs = self.pairs;
         for (at, row) in self.inner.iter().enumerate() {

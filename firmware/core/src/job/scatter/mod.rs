@@ -54,14 +54,14 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use umi_protocol::feature::{FitReport, Shape};
 use umi_protocol::job::{CorrectionSpec, MAX_DATUMS, ProbingSpec};
 
-use self::axes::{Axes, carried};
+use self::axes::{ByAxis, carried};
 use crate::correction;
 use crate::registration::Registration;
 use crate::units::Point;
 
 /// What the job states of one hit, and what the control's step adds.
 #[derive(Clone, Copy, Debug)]
-pub struct Stated {
+pub struct StatedScatter {
     /// Variance of a hit along the axis that scatters most, mm².
     hit: f64,
     /// With the step's, mm².
@@ -69,10 +69,10 @@ pub struct Stated {
     /// Degrees of freedom.
     dof: f64,
     /// Where the axes do not scatter alike.
-    axes: Option<Axes>,
+    axes: Option<ByAxis>,
 }
 
-impl Stated {
+impl StatedScatter {
     /// By the job, and by the step of the control's coordinates.
     pub fn of(probing: ProbingSpec, step_mm: f64) -> Self {
         let sigma_mm = probing.worst_mm();
@@ -84,7 +84,7 @@ impl Stated {
             hit,
             variance: hit + step,
             dof,
-            axes: (!is_alike).then(|| Axes::new(probing.sigma_mm, step, dof)),
+            axes: (!is_alike).then(|| ByAxis::new(probing.sigma_mm, step, dof)),
         }
     }
 }
@@ -112,7 +112,7 @@ pub struct Expected {
 
 impl Scatter {
     /// What the job says before anything is measured.
-    pub fn of(stated: &Stated, taught: bool) -> Self {
+    pub fn of(stated: &StatedScatter, taught: bool) -> Self {
         let grows = stated.variance / stated.hit;
         let dof = stated.dof * grows * grows;
         let unit = match stated.axes {
@@ -130,7 +130,7 @@ impl Scatter {
     /// A datum feature was fitted to points, each time that it was probed: its place is their mean.
     pub fn add<'a>(
         &mut self,
-        stated: &mut Stated,
+        stated: &mut StatedScatter,
         times: impl Iterator<Item = (&'a FitReport, &'a [[f64; 3]])>,
     ) {
         let (mut sum, mut count, mut of_axis) = (Matrix3::zeros(), 0.0, Vector3::zeros());
@@ -170,7 +170,7 @@ impl Scatter {
         &mut self,
         fit: &FitReport,
         points: &[[f64; 3]],
-        axes: &mut Axes,
+        axes: &mut ByAxis,
         of_axis: &mut Vector3<f64>,
     ) -> Matrix3<f64> {
         let Some(carried) = carried(fit, points, axes) else {
@@ -187,7 +187,7 @@ impl Scatter {
     }
 
     /// All datum features are in it.
-    pub fn settle(&mut self, stated: &Stated) {
+    pub fn settle(&mut self, stated: &StatedScatter) {
         if let Some(axes) = &stated.axes {
             let dof = axes.dof(self.dof).min(MOST_DOF);
             self.squares *= dof / self.dof;

@@ -4,7 +4,7 @@ use umi_protocol::job::FeatureKind;
 
 use std::vec::Vec;
 
-use super::axes::Carried;
+use super::axes::CarriedScatter;
 use super::*;
 use crate::job::fit;
 
@@ -82,7 +82,7 @@ fn rows(points: &[Vector3<f64>]) -> Vec<[f64; 3]> {
 fn three_that_are_one() {
     for (kind, points) in shapes() {
         let fit = fitted(kind, &points);
-        let axes = Axes::new([0.002; 3], 1e-6, 19.0);
+        let axes = ByAxis::new([0.002; 3], 1e-6, 19.0);
         let carried = carried(&fit, &rows(&points), &axes).unwrap();
         let (variance, dof) = (5e-6, f64::from(fit.dof));
         let unit = match &fit.shape {
@@ -101,7 +101,7 @@ fn three_that_are_one() {
 /// normals: the covariance of the place, and what is left of them in the residuals.
 #[test]
 fn hits_moved_one_by_one() {
-    let axes = Axes::new([0.001, 0.002, 0.006], 1e-6, 19.0);
+    let axes = ByAxis::new([0.001, 0.002, 0.006], 1e-6, 19.0);
     for (kind, points) in shapes() {
         let exact = fitted(kind, &points);
         let normal = |at: usize| {
@@ -161,7 +161,7 @@ fn hits_moved_one_by_one() {
         let dof = squares * squares / pairs;
         assert!((told.dof / dof - 1.0).abs() < 1e-5, "{kind:?}");
         // Another covariance than that of hits which scatter alike, and fewer degrees of freedom.
-        let alike = carried(&exact, &rows(&points), &Axes::new([0.001; 3], 0.0, 19.0)).unwrap();
+        let alike = carried(&exact, &rows(&points), &ByAxis::new([0.001; 3], 0.0, 19.0)).unwrap();
         let alike_place = alike.place * (place.trace() / alike.place.trace());
         assert!(
             (told.place - alike_place).amax() > 0.1 * place.amax(),
@@ -180,12 +180,12 @@ fn hits_moved_one_by_one() {
 #[test]
 fn degrees_of_freedom_of_an_axis() {
     let (mut alone, mut seen) = (
-        Axes::new([0.001, 0.001, 0.003], 0.0, 19.0),
-        Axes::new([0.001, 0.001, 0.003], 0.0, 19.0),
+        ByAxis::new([0.001, 0.001, 0.003], 0.0, 19.0),
+        ByAxis::new([0.001, 0.001, 0.003], 0.0, 19.0),
     );
     let place = Matrix3::from_diagonal(&Vector3::new(0.0, 0.0, 9e-6));
     let of_place = Vector3::new(0.0, 0.0, 9e-6);
-    let mut told = Carried {
+    let mut told = CarriedScatter {
         place,
         of_place,
         squares: 2e-6,

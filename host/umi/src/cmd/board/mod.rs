@@ -5,7 +5,6 @@ pub(super) mod config;
 pub(super) mod info;
 pub(super) mod job;
 pub(super) mod line;
-mod probing;
 pub(super) mod selftest;
 pub(super) mod teach;
 pub(super) mod update;

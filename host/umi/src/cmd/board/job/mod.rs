@@ -1,5 +1,7 @@
 //! `umi job`
 
+mod probing;
+
 use std::path::{Path, PathBuf};
 
 use crate::failure::Failure;
@@ -17,7 +19,7 @@ use umi_core::units::Point;
 
 use crate::cmd::{Board, Format};
 
-use super::probing::Probing;
+use self::probing::Probing;
 
 /// Begin or check a job file, or read and replace the job of a board
 #[derive(Args)]
@@ -153,7 +155,7 @@ impl Job {
 
 impl New {
     fn run(self) -> Result<(), Failure> {
-        let mut text = include_str!("../../../../../examples/four-spheres.toml").to_owned();
+        let mut text = include_str!("../../../../../../examples/four-spheres.toml").to_owned();
         if let Some(sheet) = &self.sheet {
             text = with_sheet(&text, sheet)?;
         }
