@@ -30,7 +30,7 @@ pub const CNC_RTS: u8 = 3;
 /// Signal A of each axis; B is the pin above it.
 pub const AXIS_A: [u8; AXES] = [8, 10, 12, 14];
 
-/// The probe's skip signal: captures at its rising edge.
+/// The probe's skip signal: captures at both edges.
 pub const SKIP: u8 = 16;
 /// A scanner's trigger: captures at its rising edge.
 pub const TRIGGER_IN: u8 = 17;
