@@ -294,7 +294,7 @@ pub enum Reason {
     // --- the two witnesses of a hit
     /// The probe's skip edge of this hit was not latched.
     #[error(
-        "hit {hit} has no second witness: its skip edge was not latched, or its line says no feed; check the skip wire to the board and what the macro prints"
+        "hit {hit} has no second witness: its skip edge was not latched, or its line says no feed; check the skip wire to the board, its level (`skip.active`) and what the macro prints"
     )]
     NotLatched {
         /// The hit.
@@ -768,11 +768,17 @@ pub enum Reason {
     /// A host asked to teach anew while the setup was measured.
     #[error("it was given up: somebody asked to teach anew while it was measured")]
     GivenUp,
-    /// The skip line rests at the level of a touch: each end of a touch is taken for one. Against a setup where the
-    /// encoders show it; a remark where only durations do.
+    /// The skip line rests at the level of a touch: each end of a touch is taken for one. The encoders show it.
     #[error(fmt = wrong_rest)]
     SkipRestsAtTouch {
         /// The level at which it rests, which is `skip.active`.
+        rests: SignalLevel,
+    },
+    /// The skip line was at the level of a touch for most of the setup. A remark: a probe that stands on the stylus for long
+    /// shows the same, and nothing but durations is known.
+    #[error(fmt = perhaps_wrong_rest)]
+    SkipMayRestAtTouch {
+        /// That level, which is `skip.active`.
         rests: SignalLevel,
     },
 }
@@ -876,11 +882,24 @@ fn not_guarded(
     Ok(())
 }
 
-fn wrong_rest(rests: &SignalLevel, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-    let (rests, other) = match rests {
+/// A level, and the other one.
+const fn levels(level: SignalLevel) -> (&'static str, &'static str) {
+    match level {
         SignalLevel::High => ("high", "low"),
         SignalLevel::Low => ("low", "high"),
-    };
+    }
+}
+
+fn perhaps_wrong_rest(rests: &SignalLevel, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    let (rests, other) = levels(*rests);
+    write!(
+        f,
+        "the skip line may rest at {rests}, which the job takes for a touch: it was {rests} for most of the setup, as it also is where the probe stays pressed for long; look at it with the probe free (`umi watch`, or a lamp), and set `skip.active = \"{other}\"` only if it is {rests} then"
+    )
+}
+
+fn wrong_rest(rests: &SignalLevel, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    let (rests, other) = levels(*rests);
     write!(
         f,
         "the skip line rests at {rests}, which the job takes for a touch, so each release counted as one; set `skip.active = \"{other}\"`, or look for a broken wire or a probe that is off"

@@ -39,7 +39,7 @@ pub use opening::{Boot, Opened, StorageAreas};
 
 use heapless::Vec;
 use umi_core::brain::Brain;
-use umi_core::job::{begins_anew, judges_touches};
+use umi_core::job::{begins_anew, looks_at_falls};
 use umi_core::journal::Flash;
 use umi_core::programs::Store;
 use umi_core::trust::access::update::slots::Slots;
@@ -99,9 +99,7 @@ impl<F: Flash> Instrument<F> {
         let Self { brain, ledger, .. } = self;
         if let Input::Latch(latch) = input
             && latch.cause == LatchCause::SkipEnd
-            && brain.job().is_none_or(|job| {
-                !judges_touches(job) && job.skip.touches_by() != LatchCause::SkipEnd
-            })
+            && brain.job().is_none_or(|job| !looks_at_falls(job))
         {
             // Nobody looks at it: the end of a touch would be one more write of the flash.
             return;

@@ -6,7 +6,7 @@ use umi_protocol::job::{
     MAX_DATUMS, MAX_HITS, Name, Reference, SendWhen, Teach, WitnessSpec,
 };
 use umi_protocol::job_error::{Field, JobError};
-use umi_protocol::latch::LatchReport;
+use umi_protocol::latch::{LatchCause, LatchReport};
 use umi_protocol::pattern::{Coding, LinePattern};
 use umi_protocol::reason::Reason;
 use umi_protocol::serial::{LEAST_BAUD, MOST_BAUD};
@@ -412,6 +412,12 @@ const fn is_printed_later(pattern: &LinePattern) -> bool {
 #[must_use]
 pub fn judges_touches(job: &Job) -> bool {
     job.witness.is_some() || job.skip.each_hit
+}
+
+/// Whether falls of the skip line are looked at: both edges where touches are judged, else the one that is a touch.
+#[must_use]
+pub fn looks_at_falls(job: &Job) -> bool {
+    judges_touches(job) || job.skip.touches_by() == LatchCause::SkipEnd
 }
 
 /// Whether a touch of the probe behind a verdict says that another setup is being probed: where

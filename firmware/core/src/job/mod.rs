@@ -19,8 +19,8 @@ use umi_protocol::job::Job;
 use crate::units::Point;
 
 pub use check::{
-    begins_anew, check, closing, datums, fixed, judges_touches, moves_something, not_guarded,
-    says_run, touch_begins_anew, touches_again,
+    begins_anew, check, closing, datums, fixed, judges_touches, looks_at_falls, moves_something,
+    not_guarded, says_run, touch_begins_anew, touches_again,
 };
 pub use report::{Fitted, fit, refusal};
 pub use run::{Decision, Run, Teaching, is_coarse};

@@ -9,7 +9,9 @@ use umi_protocol::verdict::Verdict;
 use super::step::{MOST_STEP_MM, Steps};
 use super::teach::{Lesson, TeachingAct};
 use super::{Decision, Progress, Run, Teaching};
-use crate::job::check::{closing, datums, fixed, moves_something, not_guarded, place_count};
+use crate::job::check::{
+    closing, datums, fixed, judges_touches, moves_something, not_guarded, place_count,
+};
 use crate::job::scatter::{Scatter, StatedScatter};
 use crate::job::setup;
 use crate::job::setup::DatumPoints;
@@ -461,7 +463,7 @@ impl Run {
             && skip.rests() == Rests::LongerAtTouch
         {
             let rests = skip.active();
-            setup::add_remark(verdict, Reason::SkipRestsAtTouch { rests });
+            setup::add_remark(verdict, Reason::SkipMayRestAtTouch { rests });
         }
         if let Some(job) = self.job.get() {
             if let Some(open) = not_guarded(job) {
@@ -492,6 +494,9 @@ impl Run {
     /// What the skip line shows of a setup that is OK: that each hit was touched, and what was
     /// no touch of its own.
     fn remark_touches(&mut self) {
+        let Some(job) = self.job.get().filter(|job| judges_touches(job)) else {
+            return;
+        };
         let Some(skip) = self.skip.get_mut() else {
             return;
         };
@@ -499,7 +504,7 @@ impl Run {
         if bounces > 0 || sparks > 0 {
             let _ = self.remarks.push(Reason::SkipChatter { bounces, sparks });
         }
-        if self.job.get().is_some_and(|job| job.skip.each_hit) {
+        if job.skip.each_hit {
             let hits = self.features().iter().map(|feature| feature.hits).sum();
             let _ = self.remarks.push(Reason::Touched { hits });
         }

@@ -35,7 +35,7 @@ use umi_protocol::job::{Doubt, FeatureSpec, Job, Lessons, MAX_FEATURES, Name, Re
 use umi_protocol::reason::Reason;
 use umi_protocol::verdict::Verdict;
 
-use super::check::{datums, judges_touches};
+use super::check::datums;
 use super::collecting::Collecting;
 use super::setup::DatumPoints;
 use super::witness::Witness;
@@ -130,7 +130,7 @@ pub struct Run {
     verdict: ZeroOption<Verdict>,
     /// This setup became the reference.
     taught_here: bool,
-    /// The probe's skip line, where touches are judged.
+    /// The probe's skip line.
     skip: ZeroOption<SkipLine>,
     /// The encoders' side of the hits.
     witness: ZeroOption<Witness>,
@@ -258,10 +258,8 @@ impl Run {
         *last_hit = Micros(0);
         verdict.clear();
         *taught_here = false;
-        skip.clear();
-        if judges_touches(&job) {
-            skip.put(SkipLine::new(&job.skip));
-        }
+        // Where touches are not judged, too: it may rest at the wrong level there.
+        skip.put(SkipLine::new(&job.skip));
         witness.clear();
         if let Some(spec) = job.witness {
             witness.put(Witness::new(spec, &job.skip));

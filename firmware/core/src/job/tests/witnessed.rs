@@ -253,10 +253,15 @@ struct AtTheLine {
 
 impl AtTheLine {
     fn new(active: SignalLevel, has_encoders: bool) -> Self {
+        Self::with(active, has_encoders, !has_encoders)
+    }
+
+    fn with(active: SignalLevel, has_encoders: bool, each_hit: bool) -> Self {
         let mut job = checked_job();
         job.skip.active = active;
+        job.skip.each_hit = each_hit;
         if !has_encoders {
-            (job.witness, job.skip.each_hit) = (None, true);
+            job.witness = None;
         }
         Self {
             run: Run::new(job),
@@ -308,15 +313,19 @@ impl AtTheLine {
 }
 
 /// A job whose `skip.active` is the level at which the line rests: with encoders each setup is NG by that, though all positions
-/// agree; without, it is OK and the remark says so. At the right level nothing is said.
+/// agree; without, it is OK and a remark says that it may be, also in a job that does not judge touches. At the right level
+/// nothing is said.
 #[test]
 fn a_line_that_rests_at_the_level_of_a_touch_is_named_in_the_verdict() {
-    for has_encoders in [true, false] {
+    for (has_encoders, each_hit) in [(true, false), (false, true), (false, false)] {
         for active in [SignalLevel::High, SignalLevel::Low] {
-            let mut line = AtTheLine::new(active, has_encoders);
+            let mut line = AtTheLine::with(active, has_encoders, each_hit);
             (0..6).for_each(|block| line.probes(block, 0.0));
             let is_right = active == SignalLevel::High;
-            let said = Reason::SkipRestsAtTouch { rests: active };
+            let said = match has_encoders {
+                true => Reason::SkipRestsAtTouch { rests: active },
+                false => Reason::SkipMayRestAtTouch { rests: active },
+            };
             for verdict in &line.outcome.verdicts {
                 let in_reasons = verdict.reasons.iter().any(|of| of.reason == said);
                 let in_remarks = verdict.remarks.iter().any(|of| of.reason == said);

@@ -14,7 +14,11 @@
 //! So the axes say it: a probe that touches keeps them from moving, however long it does. Where they went farther between
 //! begin and end of the "touches" than between these, by [`RATIO`], the line rests at the level of a touch: that is
 //! [`Rests::AtTouch`]. Each way counts up to [`FAR_UM`], so that a probe that is switched off on its way to the tool changer
-//! counts no more than one way from hit to hit.
+//! counts no more than one way from hit to hit; and there must be [`LEAST_UM`] of them, three such ways.
+//!
+//! A small bore, or few hits, has less. Then it counts that the axes stood each time that the line was not active, within
+//! [`STOOD_UM`]: at the right level they go from hit to hit there, whatever the probe does besides. So [`LEAST_STOOD_UM`] in
+//! [`LEAST_STOOD`] touches are enough then.
 //!
 //! Without encoders only durations are known. A probe rests for longer than it touches, but not always: a control may print
 //! a line before it moves on. So they are a hint, [`Rests::LongerAtTouch`]: the line was active for [`RATIO`] times as long
@@ -25,7 +29,7 @@
 //! Known from the first line of a setup on: a block's first feature has been touched before. A board that tells no ends of
 //! touches, edges that were lost, and fewer than [`LEAST`] touches say nothing; a line that never moves shows no touch at
 //! all, which is told elsewhere. Touches a millimetre apart, or a probe that tells a release when the axes are as far away as
-//! the next hit, are not enough for the axes.
+//! the next hit, or farther than [`STOOD_UM`] where there are few ways, are not enough for the axes.
 
 /// So many times as much at the level of a touch as at the other one.
 const RATIO: u32 = 4;
@@ -35,6 +39,12 @@ const FAR_UM: u32 = 10_000;
 const LEAST_UM: u32 = 3 * FAR_UM;
 /// So many whole touches.
 const LEAST: u16 = 3;
+/// A line that rests while the axes go no farther has not rested on a way from hit to hit.
+const STOOD_UM: u32 = 1_000;
+/// The least sum of ways while the line was active, where the axes always stood else.
+const LEAST_STOOD_UM: u32 = 8_000;
+/// So many whole touches then.
+const LEAST_STOOD: u16 = 2;
 
 /// What the line shows of its rest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,6 +80,7 @@ struct Shown {
     longest_rest_ms: u32,
     active_um: u32,
     rest_um: u32,
+    longest_rest_um: u32,
     /// Times that it was active.
     touches: u16,
 }
@@ -105,6 +116,7 @@ impl Levels {
         } else {
             shown.rest_ms = shown.rest_ms.saturating_add(ms);
             shown.rest_um = shown.rest_um.saturating_add(um);
+            shown.longest_rest_um = shown.longest_rest_um.max(um);
             shown.longest_rest_ms = shown.longest_rest_ms.max(ms);
         }
     }
@@ -122,12 +134,19 @@ impl Levels {
     /// What was shown since.
     pub fn rests(&self) -> Rests {
         let shown = &self.shown;
+        let exceeds = |active: u32, rest: u32| active > rest.saturating_mul(RATIO);
+        let (least_um, least) = match shown.longest_rest_um <= STOOD_UM {
+            true => (LEAST_STOOD_UM, LEAST_STOOD),
+            false => (LEAST_UM, LEAST),
+        };
+        if shown.touches >= least
+            && shown.active_um >= least_um
+            && exceeds(shown.active_um, shown.rest_um)
+        {
+            return Rests::AtTouch;
+        }
         if shown.touches < LEAST {
             return Rests::Unknown;
-        }
-        let exceeds = |active: u32, rest: u32| active > rest.saturating_mul(RATIO);
-        if shown.active_um >= LEAST_UM && exceeds(shown.active_um, shown.rest_um) {
-            return Rests::AtTouch;
         }
         if shown.rest_um > shown.active_um {
             // A probe that is kept pressed.
