@@ -5,8 +5,10 @@
 use std::time::{Duration, Instant};
 
 use crate::AxisCounts;
+use umi_core::job::looks_at_falls;
 use umi_core::units::Micros;
 use umi_protocol::job::Job;
+use umi_protocol::latch::LatchCause;
 use umi_protocol::message::{Event, Identity, Record};
 use umi_virtual::{Config, VirtualBoard};
 
@@ -31,8 +33,11 @@ pub struct Desk {
     now_us: u64,
     /// The journal entry of which the next event tells.
     next_seq: u64,
-    /// Skip edges so far.
+    /// Rises of the skip line so far, and falls.
     latches: u32,
+    ends: u32,
+    /// The board keeps falls, too.
+    keeps_ends: bool,
     /// Counts of the rotary axes.
     turned: Vec<i64>,
 }
@@ -62,6 +67,8 @@ impl Desk {
             now_us: 0,
             next_seq,
             latches: 0,
+            ends: 0,
+            keeps_ends: looks_at_falls(job),
             turned: Vec::new(),
         })
     }
@@ -120,15 +127,27 @@ impl Desk {
         self.turned = counts.to_vec();
     }
 
-    /// The probe's skip line rises and latches the axes.
+    /// The probe's skip line rises, or falls, and latches the axes.
     ///
     /// # Errors
     /// The link's.
-    pub fn latch(&mut self, at: Micros, counts: [i64; 3]) -> Result<(), Problem> {
+    pub fn latch(
+        &mut self,
+        at: Micros,
+        cause: LatchCause,
+        counts: [i64; 3],
+    ) -> Result<(), Problem> {
         self.advance(at);
         let counts = AxisCounts::new(counts, &self.turned);
-        let edge = crate::skip_edge(&mut self.latches, at.0, counts);
+        let edges = match cause {
+            LatchCause::SkipEnd => &mut self.ends,
+            _ => &mut self.latches,
+        };
+        let edge = crate::skip_edge(edges, cause, at.0, counts);
         self.board.latch(edge);
+        if cause == LatchCause::SkipEnd && !self.keeps_ends {
+            return Ok(());
+        }
         self.follow(|record| matches!(record, Record::Latch(_)), &mut nobody)
     }
 

@@ -107,13 +107,13 @@ fn axes(at_us: u64, counts: AxisCounts) -> Positions {
     }
 }
 
-/// The skip line's next edge, at this time of the board's clock; `skips` counts them.
-fn skip_edge(skips: &mut u32, at_us: u64, counts: AxisCounts) -> LatchReport {
-    let number = *skips;
-    *skips = number.wrapping_add(1);
+/// The skip line's next edge, at this time of the board's clock; `edges` counts those of its kind.
+fn skip_edge(edges: &mut u32, cause: LatchCause, at_us: u64, counts: AxisCounts) -> LatchReport {
+    let number = *edges;
+    *edges = number.wrapping_add(1);
     LatchReport {
         number,
-        cause: LatchCause::Skip,
+        cause,
         counts: counts.each().collect(),
         t_ns: at_us.saturating_mul(1000),
         missed: 0,

@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use umi_core::units::Micros;
 use umi_protocol::job::Job;
+use umi_protocol::latch::LatchCause;
 use umi_virtual::board::BoardTime;
 use umi_virtual::serve::{Port, PortPlace};
 use umi_virtual::{Config, VirtualBoard};
@@ -35,6 +36,7 @@ pub struct Live {
     /// Counts of the rotary axes.
     turned: Vec<i64>,
     skips: u32,
+    skip_ends: u32,
     scan: Option<LineScan>,
     /// What the board was told last, and when.
     told: Option<(u64, AxisCounts)>,
@@ -64,6 +66,7 @@ impl Live {
             counts: None,
             turned: Vec::new(),
             skips: 0,
+            skip_ends: 0,
             scan: None,
             told: None,
         })
@@ -106,11 +109,15 @@ impl Live {
         self.board.control_sends(bytes);
     }
 
-    /// The skip line rises.
-    pub fn skip(&mut self, at: Micros, counts: [i64; 3]) {
+    /// The skip line rises, or falls.
+    pub fn skip(&mut self, at: Micros, cause: LatchCause, counts: [i64; 3]) {
         let at_us = self.wait_until(at);
         let counts = AxisCounts::new(counts, &self.turned);
-        let edge = crate::skip_edge(&mut self.skips, at_us, counts);
+        let edges = match cause {
+            LatchCause::SkipEnd => &mut self.skip_ends,
+            _ => &mut self.skips,
+        };
+        let edge = crate::skip_edge(edges, cause, at_us, counts);
         self.board.latch(edge);
     }
 

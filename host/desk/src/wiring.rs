@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use serialport::SerialPort;
 use umi_core::units::Micros;
+use umi_protocol::latch::LatchCause;
 use umi_virtual::machine::Wires;
 
 use crate::capture::{self, Desk};
@@ -200,13 +201,24 @@ impl Wires for Wiring {
         self.try_to(|lead, keep| {
             keep(WireEvent::Skip(at, counts));
             match lead {
-                Peer::Board(bench) => bench.latch(at, counts),
+                Peer::Board(bench) => bench.latch(at, LatchCause::Skip, counts),
                 Peer::Live(live) => {
-                    live.skip(at, counts);
+                    live.skip(at, LatchCause::Skip, counts);
                     Ok(())
                 }
                 Peer::Nowhere | Peer::Line(_) => Ok(()),
             }
+        });
+    }
+
+    fn skip_falls(&mut self, at: Micros, counts: [i64; 3]) {
+        self.try_to(|lead, _| match lead {
+            Peer::Board(bench) => bench.latch(at, LatchCause::SkipEnd, counts),
+            Peer::Live(live) => {
+                live.skip(at, LatchCause::SkipEnd, counts);
+                Ok(())
+            }
+            Peer::Nowhere | Peer::Line(_) => Ok(()),
         });
     }
 

@@ -50,8 +50,9 @@ impl<W: Wires> AxisDrives for VirtualMachine<W> {
             self.go(&chain, &profile, profile.time_at_s(before + within), rest);
             return Err(stop.trip);
         }
-        self.go(&chain, &profile, profile.duration_s, motion.to.mm);
-        self.signal &= self.in_contact(&motion.to.mm);
+        let falls_s = self.falls_s(&chain, &profile);
+        self.go_falling(&chain, &profile, profile.duration_s, motion.to.mm, falls_s);
+        self.signal &= falls_s.is_none();
         Ok(())
     }
 
@@ -214,7 +215,10 @@ impl<W: Wires> AxisDrives for VirtualMachine<W> {
             }
         };
         self.turns = false;
-        self.signal = false;
+        if std::mem::take(&mut self.signal) {
+            let (now, counts) = (self.now(), self.counts(&self.position));
+            self.wires.skip_falls(now, counts);
+        }
         self.pass(5.0);
         Ok(())
     }

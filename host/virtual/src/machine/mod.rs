@@ -264,14 +264,37 @@ impl<W: Wires> VirtualMachine<W> {
 
     /// The axes move along a chain until then, and rest there.
     fn go(&mut self, chain: &[Vector3<f64>], profile: &Profile, until_s: f64, rest: Vector3<f64>) {
-        if let Some(step_s) = self.wires.sampling_s().filter(|step_s| *step_s > 0.0) {
-            let mut chain = Along::new(chain);
-            let mut time_s = step_s;
-            while time_s < until_s {
-                let at = chain.at(profile.travelled_mm(time_s));
-                let counts = self.counts(&at);
-                self.wires.moved(micros(self.seconds + time_s), counts);
-                time_s += step_s;
+        self.go_falling(chain, profile, until_s, rest, None);
+    }
+
+    /// As [`Self::go`]; the probe's signal goes off at this time of the motion.
+    fn go_falling(
+        &mut self,
+        chain: &[Vector3<f64>],
+        profile: &Profile,
+        until_s: f64,
+        rest: Vector3<f64>,
+        falls_s: Option<f64>,
+    ) {
+        let step_s = self.wires.sampling_s().filter(|step_s| *step_s > 0.0);
+        let step_s = step_s.unwrap_or(f64::INFINITY);
+        let mut along = Along::new(chain);
+        let mut falls_s = falls_s.map(|falls_s| falls_s.min(until_s));
+        let mut sample_s = step_s;
+        loop {
+            let falls = falls_s.is_some_and(|falls_s| falls_s <= sample_s);
+            let time_s = match falls_s.take_if(|_| falls) {
+                Some(falls_s) => falls_s,
+                None if sample_s < until_s => sample_s,
+                None => break,
+            };
+            let counts = self.counts(&along.at(profile.travelled_mm(time_s)));
+            let at = micros(self.seconds + time_s);
+            if falls {
+                self.wires.skip_falls(at, counts);
+            } else {
+                self.wires.moved(at, counts);
+                sample_s += step_s;
             }
         }
         self.sense_along(chain, profile, until_s);

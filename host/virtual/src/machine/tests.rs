@@ -8,6 +8,7 @@ use umi_core::units::Rad;
 #[derive(Debug, Default)]
 struct Log {
     skips: Vec<(Micros, [i64; 3])>,
+    falls: Vec<(Micros, [i64; 3])>,
     text: Vec<u8>,
     now: Micros,
     /// Counts while the axes move, each 10 ms.
@@ -22,6 +23,10 @@ impl Wires for Log {
     fn skip(&mut self, at: Micros, counts: [i64; 3]) {
         self.time(at);
         self.skips.push((at, counts));
+    }
+    fn skip_falls(&mut self, at: Micros, counts: [i64; 3]) {
+        self.time(at);
+        self.falls.push((at, counts));
     }
     fn time(&mut self, now: Micros) {
         assert!(now >= self.now, "time went back");
@@ -179,6 +184,44 @@ fn bent_stylus_must_move_away() {
         .unwrap();
     assert!(skip(&mut machine, [30.0, 0.0, 50.0], 100.0).touched);
     assert_eq!(machine.hits().len(), 2);
+}
+
+/// The line falls where the stylus is free again on its way back, not where that ends; a probe that is taken out of the
+/// spindle while it touches lets it fall as well, and one that stays in contact does not.
+#[test]
+fn the_skip_line_falls_where_the_stylus_is_free() {
+    let mut machine = machine(
+        "[probe]\npretravel_mm = 0.06\n[control]\nskip_delay_ms = [2.0, 2.0]\n\
+         [machine]\ncounts_per_mm = [1000.0, 1000.0, 1000.0]",
+        1,
+    );
+    skip(&mut machine, [30.0, 0.0, 50.0], 100.0);
+    let (rose, [touch, ..]) = machine.wires.skips[0];
+    assert!(machine.wires.falls.is_empty(), "it is still bent");
+    machine.dwell(0.3);
+    let back = line([10.0, 0.0, 50.0], MotionRate::Feed(100.0));
+    machine.travel(&back).unwrap();
+    let (fell, [x, ..]) = machine.wires.falls[0];
+    assert!((x - touch).abs() <= 2, "{x} {touch}");
+    assert!(fell.0 - rose.0 > 300_000, "{fell:?} {rose:?}");
+    assert!(machine.now().0 - fell.0 > 1_000_000, "the motion goes on");
+    machine
+        .travel(&line([5.0, 0.0, 50.0], MotionRate::Rapid))
+        .unwrap();
+    assert_eq!(machine.wires.falls.len(), 1, "once");
+
+    skip(&mut machine, [30.0, 0.0, 50.0], 100.0);
+    machine.leave(&back).unwrap();
+    assert_eq!(
+        (machine.wires.skips.len(), machine.wires.falls.len()),
+        (2, 2)
+    );
+    skip(&mut machine, [30.0, 0.0, 50.0], 100.0);
+    machine.change_tool(0).unwrap();
+    assert_eq!(
+        (machine.wires.skips.len(), machine.wires.falls.len()),
+        (3, 3)
+    );
 }
 
 /// Collisions, over-travel, a broken stylus and a turning probe stop the machine, each

@@ -81,42 +81,64 @@ impl<W: Wires> VirtualMachine<W> {
     /// less than its pretravel.
     pub(super) fn leave(&mut self, motion: &AxisMotion) -> Result<Skip, Trip> {
         let (from, to) = (self.position, motion.to.mm);
-        let (Some((down, radius)), true) = (self.ball(), self.signal) else {
+        if !self.signal || self.ball().is_none() {
             return Ok(Skip {
                 touched: true,
                 stored: Point { mm: self.position },
             });
-        };
-        let stuck = || Trip {
-            message: "the probe touches and the motion does not free it; move away from the body"
-                .into(),
-        };
+        }
         let way = to - from;
         let length = way.norm();
-        let [start, end] = self.tip(&from, &to, &down);
-        if length == 0.0 {
-            return Err(stuck());
-        }
-        let mut seats_mm = 0.0_f64;
-        for body in self.scene.bodies() {
-            let pushed_mm = pretravel_mm(&self.scene.probe, &-body.normal(&start));
-            let seats = body.first_beyond(&start, &end, radius - pushed_mm);
-            seats_mm = seats_mm.max(seats.ok_or_else(stuck)?);
-        }
+        let way_mm = self.seats_mm(&from, &to).ok_or_else(|| Trip {
+            message: "the probe touches and the motion does not free it; move away from the body"
+                .into(),
+        })?;
         let profile = self.profile(length, motion.rate)?;
-        let way_mm = seats_mm * length / (end - start).norm();
-        let read_s = self.notices_s(profile.time_at_s(way_mm));
+        let falls_s = profile.time_at_s(way_mm);
+        let read_s = self.notices_s(falls_s);
         let stored = from + way / length * self.stored_mm(&profile, read_s);
         let (sent_mm, speed) = profile.sent(read_s);
         let braking_mm = speed * speed / (2.0 * profile.acceleration_mm_per_s2);
         let until_s = read_s + speed / profile.acceleration_mm_per_s2;
         let rest = from + way / length * (sent_mm + braking_mm).min(length);
-        self.go(&[from, to], &profile, until_s, rest);
+        self.go_falling(&[from, to], &profile, until_s, rest, Some(falls_s));
         self.signal = false;
         Ok(Skip {
             touched: true,
             stored: Point { mm: stored },
         })
+    }
+
+    /// Way of the axes to where every body has let the tip back to less than its pretravel; none: they do not on this one.
+    pub(super) fn seats_mm(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> Option<f64> {
+        let (down, radius) = self.ball()?;
+        let length = (to - from).norm();
+        if length == 0.0 {
+            return None;
+        }
+        let [start, end] = self.tip(from, to, &down);
+        let mut seats_mm = 0.0_f64;
+        for body in self.scene.bodies() {
+            let pushed_mm = pretravel_mm(&self.scene.probe, &-body.normal(&start));
+            seats_mm = seats_mm.max(body.first_beyond(&start, &end, radius - pushed_mm)?);
+        }
+        Some(seats_mm * length / (end - start).norm())
+    }
+
+    /// When the signal goes off on a motion through these points that begins at a body and ends free; none: it stays.
+    pub(super) fn falls_s(&self, chain: &[Vector3<f64>], profile: &Profile) -> Option<f64> {
+        let end = chain.last()?;
+        if !self.signal || self.in_contact(end) {
+            return None;
+        }
+        let mut before_mm = 0.0;
+        for (from, to) in chain.iter().zip(chain.iter().skip(1)) {
+            if let Some(way_mm) = self.seats_mm(from, to) {
+                return Some(profile.time_at_s(before_mm + way_mm));
+            }
+            before_mm += (to - from).norm();
+        }
+        Some(profile.duration_s)
     }
 
     /// When the control stores a position after an edge, from the start of the motion.

@@ -45,6 +45,9 @@ pub trait Wires {
     /// at that instant.
     fn skip(&mut self, at: Micros, counts: [i64; 3]);
 
+    /// It falls: the stylus is free again, or the probe is out of the spindle.
+    fn skip_falls(&mut self, _at: Micros, _counts: [i64; 3]) {}
+
     /// Nothing else happens until then: time passes.
     fn time(&mut self, now: Micros);
 

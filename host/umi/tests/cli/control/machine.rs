@@ -137,6 +137,27 @@ fn a_setup_is_probed_into_a_verdict() {
     assert!(lines.iter().all(|l| l["type"] != "fault"), "{lines:?}");
 }
 
+/// A `skip.active` that is the wrong way round shows at a desk as it would at a machine: by name, with what to set.
+#[test]
+fn an_exchanged_skip_level_is_told_at_a_desk() {
+    let folder = Folder::new();
+    let right = project("examples/three-spheres-witnessed.toml");
+    let right = std::fs::read_to_string(right).unwrap();
+    assert!(!right.contains("[skip]"));
+    let wrong = folder.file("low.toml", right + "\n[skip]\nactive = \"low\"\n");
+    let probe = project("examples/probe-plate.nc");
+    let mut args = probing(&[&probe], "examples/three-spheres-witnessed.toml");
+    let job = args.iter().position(|arg| arg == "--job").unwrap();
+    args[job + 1] = wrong;
+    args.push("--json".into());
+    let lines = run(&args).exits(2).json_lines();
+    let verdict = lines.iter().find(|line| line["type"] == "verdict").unwrap();
+    let reasons = verdict["reasons"].to_string();
+    for says in ["skip_rests_at_touch", "skip.active = "] {
+        assert!(reasons.contains(says), "{says}: {reasons}");
+    }
+}
+
 /// The arguments that probe the example's plate with these programs before a board.
 fn probing(programs: &[&str], job: &str) -> Vec<String> {
     let mut args = vec!["machine".to_owned(), "run".to_owned()];
