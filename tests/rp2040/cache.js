@@ -4,17 +4,18 @@
 // nothing beyond the core's own cycles. A miss fetches the line from the W25Q080 or alike by EBh,
 // "fast read quad I/O", in continuous mode, as embassy-rp's second-stage loader sets it up: 8 clocks
 // for address and mode on four lines, 4 dummy clocks, 16 for the 8 bytes, together 28; and a clock of
-// the flash is two of the core (62.5 MHz). The core stands still for these 56 cycles.
+// the flash is two of the core (62.5 MHz). The core stands still for these 56 cycles, if it is the whole line that comes.
 //
 // Nor does the datasheet say that a miss fetches both words of a line. The loader sets the SSI up for one word
 // at a time (NDF = 0), so it may well fetch the word alone: 8, 4 and 8 clocks, and what it takes to ask, 44 cycles. A line
-// that is run through costs 88 then. `words` models that; the load that is hardest for the cache is tried by both.
+// that is run through costs 88 then. That is the dearer assumption, and the one here: every figure of the board's README is
+// measured by it. `words = false` models whole lines; the load that is hardest for the cache is tried by both.
 //
 // The datasheet does not say which way a new line takes: here the one that was used longer ago. It
-// does not say either whether the core may go on with the first half of a line: here it may not.
-// Both are the dearer assumption. The counters (2.6.3.3) see the core's own accesses only, and what
-// the core executes from one line in a row is one access here, where the chip counts each word. What the core fetches ahead is not modelled: a line is asked for
-// when its first instruction is executed.
+// does not say either whether the core may go on with the first half of a line of which both words come: here it may not.
+// The counters (2.6.3.3) see the core's own accesses only, and what
+// the core executes from one word, or line, in a row is one access here, where the chip counts each word. What the core
+// fetches ahead is not modelled: a word, or line, is asked for when its first instruction is executed.
 
 import { BasePeripheral } from 'rp2040js';
 
@@ -26,10 +27,11 @@ export const LINE_CYCLES = 2 * (8 + 4 + 16);
 export const WORD_CYCLES = 2 * (8 + 4 + 8) + 4;
 
 export class Cache {
-  constructor(lineCycles = LINE_CYCLES) {
-    this.lineCycles = lineCycles;
+  constructor() {
+    /** What a miss costs, a word's or a line's. */
+    this.lineCycles = WORD_CYCLES;
     /** What is fetched at once: a line of 8 bytes (3), or a word of it (2). */
-    this.shift = 3;
+    this.shift = 2;
     /** The line, or the word, that the core has executed from last: it is there. */
     this.latest = -1;
     /** Per way: which of its line's words are there. */

@@ -8,8 +8,15 @@ const FLASH = 0x10000000;
 /** So far apart two addresses share a set. */
 const WAY = 8192;
 
-test('a line of eight bytes costs once', () => {
+/** Where a miss brings both words of its line. */
+function byLines() {
   const cache = new Cache();
+  cache.byWords(false);
+  return cache;
+}
+
+test('a line of eight bytes costs once', () => {
+  const cache = byLines();
   assert.equal(LINE_CYCLES, 56);
   for (const [address, cycles] of [[0, 56], [7, 0], [4, 0], [8, 56], [15, 0], [0, 0]]) {
     assert.equal(cache.read(FLASH + address), cycles, address);
@@ -23,7 +30,6 @@ test('a line of eight bytes costs once', () => {
 
 test('words that come one by one cost each, and go with their line', () => {
   const cache = new Cache();
-  cache.byWords(true);
   assert.equal(WORD_CYCLES, 44);
   for (const [address, cycles] of [[0, 44], [3, 0], [4, 44], [7, 0], [0, 0], [12, 44], [8, 44]]) {
     assert.equal(cache.read(FLASH + address), cycles, address);
@@ -38,14 +44,14 @@ test('words that come one by one cost each, and go with their line', () => {
 });
 
 test('of three lines for two ways the one used longest ago goes', () => {
-  const cache = new Cache();
+  const cache = byLines();
   const [a, b, c] = [FLASH + 24, FLASH + 24 + WAY, FLASH + 24 + 5 * WAY];
   const costs = [a, b, a, c, a, b, a, c].map((address) => cache.read(address));
   assert.deepEqual(costs, [56, 56, 0, 56, 0, 56, 0, 56]);
 });
 
 test('all of 16 KB in a row stays, and one line more takes the place of the first', () => {
-  const cache = new Cache();
+  const cache = byLines();
   for (let at = 0; at < 16384; at += 8) assert.equal(cache.fetch(FLASH + at), 56);
   for (let at = 0; at < 16384; at += 8) assert.equal(cache.fetch(FLASH + at), 0);
   assert.equal(cache.fetch(FLASH + 16384), 56);
@@ -53,7 +59,7 @@ test('all of 16 KB in a row stays, and one line more takes the place of the firs
 });
 
 test('a constant that takes the place of the running code makes it come again', () => {
-  const cache = new Cache();
+  const cache = byLines();
   cache.fetch(FLASH);
   assert.equal(cache.latest, FLASH >>> 3);
   cache.read(FLASH + 8);
@@ -65,7 +71,7 @@ test('a constant that takes the place of the running code makes it come again', 
 });
 
 test('the program counts, flushes and clears by XIP_CTRL', () => {
-  const core = { cache: new Cache() };
+  const core = { cache: byLines() };
   const control = new CacheControl({ rp: {}, core });
   const [FLUSH, STAT, HIT, ACCESSES] = [0x04, 0x08, 0x0c, 0x10];
   for (let at = 0; at < 80; at += 4) core.cache.read(FLASH + at);

@@ -18,19 +18,19 @@ const LINE_INTERRUPT: u64 = 11;
 /// Until a ring's samples are written over, less what a capture takes.
 const CAPTURE_CYCLES: u64 = 75 * CYCLES_PER_US;
 /// What the control's characters wait at most, as the README promises; one takes 87 us.
-const BYTE_CYCLES: u64 = 65 * CYCLES_PER_US;
+const BYTE_CYCLES: u64 = 85 * CYCLES_PER_US;
 
+/// A miss fetches one word of a line, so that code which is run through costs more: the dearer assumption, by which all figures of
+/// the board's README are measured.
 #[test]
-fn no_byte_and_no_capture_is_lost_to_the_flash() {
-    nothing_is_lost(false, 56);
-}
-
-/// The same where a miss fetches one word of a line, so that code which is run through costs more. Its waits come near to the
-/// limits (the board's README has them), and differ from run to run with what the host asks when.
-#[test]
-#[ignore = "by hand: the README has its figures"]
 fn no_byte_and_no_capture_is_lost_where_words_come_one_by_one() {
     nothing_is_lost(true, 44);
+}
+
+/// A miss fetches a whole line.
+#[test]
+fn no_byte_and_no_capture_is_lost_where_lines_come_whole() {
+    nothing_is_lost(false, 56);
 }
 
 fn nothing_is_lost(words: bool, cycles: u32) {

@@ -42,7 +42,7 @@ const TRIGGER_OUT_PIN: u8 = 22;
 const CAPTURE: u64 = 9;
 const LINE: u64 = 11;
 const CAPTURE_US: f64 = 75.0;
-const LINE_US: f64 = 65.0;
+const LINE_US: f64 = 85.0;
 
 /// The session's job with a bore before it, if that has hits. The board may hold the control.
 fn bore_job(hits: usize, baud: u32) -> Job {

@@ -40,13 +40,13 @@ const AFTER_CTS: usize = 1;
 const CHARACTER_CYCLES: u64 = 87 * CYCLES_PER_US;
 /// How long an answer may take while the board fits a sphere to [`MAX_HITS`] hits: it has
 /// no floating point. Or while it signs a head, under the same load.
-const ANSWER_CYCLES: u64 = 450_000 * CYCLES_PER_US;
+const ANSWER_CYCLES: u64 = 500_000 * CYCLES_PER_US;
 /// How long half of them take, at most: the code that answers and the fit take the lines of the
 /// flash's cache from each other.
 const HALF_OF_ANSWERS_CYCLES: u64 = 4_000 * CYCLES_PER_US;
 /// Cycles for a byte of a program that is rewritten, before its first byte goes out: the code that
 /// looks through it is larger than the flash's cache.
-const LOOK_CYCLES: f64 = 5_250.0;
+const LOOK_CYCLES: f64 = 6_250.0;
 /// How long the wall may take for a test.
 const PATIENCE: Duration = Duration::from_secs(900);
 

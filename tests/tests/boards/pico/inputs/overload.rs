@@ -59,7 +59,7 @@ fn triggers_that_come_too_fast_are_counted() {
 fn lost_samples_are_told_and_no_edge_vanishes() {
     const HOLDS: u64 = 30;
     /// Not counted while all machines are started anew, at most.
-    const START_COUNTS: u64 = 200;
+    const START_COUNTS: u64 = 250;
     let Some((mut rig, mut client)) = begun() else {
         return;
     };
@@ -123,7 +123,7 @@ fn lost_samples_are_told_and_no_edge_vanishes() {
     assert!(u64::from(counters.missed) < edges / 10);
 }
 
-/// The probe's line bounces while the board starts anew. What comes in those 0.1 ms is told at each
+/// The probe's line bounces while the board starts anew. What comes in those 0.1 to 0.2 ms is told at each
 /// start at least once, falls as well as rises: else a touch might stand at a bounce behind it.
 #[test]
 fn a_start_tells_falls_of_the_probe_as_well_as_rises() {
@@ -165,8 +165,9 @@ fn a_start_tells_falls_of_the_probe_as_well_as_rises() {
     let falls = u64::from(falls.sum::<u32>());
     let edges = STARTS * BOUNCES;
     println!("{rises} rises, {falls} falls of {edges}, {counters:?}");
+    // In a start of 0.2 ms there are eight, of which some are told.
     for counted in [rises, falls] {
-        assert!(edges.abs_diff(counted) < 5 * lost, "{counted} of {edges}");
+        assert!(edges.abs_diff(counted) < 6 * lost, "{counted} of {edges}");
     }
     assert!(rises.abs_diff(falls) < lost / 2, "{rises} and {falls}");
 }

