@@ -53,6 +53,8 @@ pub struct Judged {
     pub lines: usize,
     /// Whether all is right but that no line has ended.
     pub endless: bool,
+    /// How many different characters came where all is right but that these are too few to tell this speed from others.
+    pub few: Option<usize>,
     /// Whether the control's line is set like this.
     pub fits: bool,
 }
@@ -81,13 +83,15 @@ impl Listened {
         let mut different = self.bytes.clone();
         different.sort_unstable();
         different.dedup();
-        let enough = self.bytes.len() >= LEAST_CHARACTERS && different.len() >= LEAST_DIFFERENT;
-        let right = enough && self.broken == 0 && strange == 0;
+        let clean = self.bytes.len() >= LEAST_CHARACTERS && self.broken == 0 && strange == 0;
+        let few = different.len() < LEAST_DIFFERENT;
+        let right = clean && !few;
         Judged {
             coding,
             strange,
             lines,
             endless: right && lines == 0,
+            few: (clean && few).then_some(different.len()),
             fits: right && lines > 0,
         }
     }

@@ -137,15 +137,23 @@ impl Find {
                     "nothing came at any speed: let the control print meanwhile, and look at plug, TX and RX",
                 ))
             }
-            None => Err(match endless(tried) {
-                Some(baud) => Failure::refused(
+            None => Err(match (endless(tried), few(tried)) {
+                (Some(baud), _) => Failure::refused(
                     "no_line_ends",
                     format_args!(
                         "at {baud} baud every character is right, and no line has ended: let the control print whole lines, \
                          or set its line end to LF or CR LF (EOB)"
                     ),
                 ),
-                None => Failure::refused(
+                (None, Some((speeds, different))) => Failure::refused(
+                    "few_characters",
+                    format_args!(
+                        "at {speeds} baud every character is right, but only {different} different ones came, and so few can be \
+                         others at another speed: let the control print more different characters (a program, not one line \
+                         again and again)"
+                    ),
+                ),
+                (None, None) => Failure::refused(
                     "no_speed_fits",
                     "no speed fits: let the control print for longer, ask its parameters, and look at the 0 V wire between the two",
                 ),
@@ -158,6 +166,17 @@ impl Find {
 fn endless(tried: &[Tried]) -> Option<u32> {
     let is_endless = |of: &&Tried| of.came.as_ref().is_some_and(|came| came.judge().endless);
     tried.iter().find(is_endless).map(|of| of.baud)
+}
+
+/// The speeds at which only too few different characters came, and how many these were at most.
+fn few(tried: &[Tried]) -> Option<(String, usize)> {
+    let few = tried
+        .iter()
+        .filter_map(|of| Some((of.baud, of.came.as_ref()?.judge().few?)));
+    let (speeds, different): (Vec<String>, Vec<usize>) = few
+        .map(|(baud, different)| (baud.to_string(), different))
+        .unzip();
+    Some((speeds.join(" and "), different.into_iter().max()?))
 }
 
 fn is_silent(came: &Listened) -> bool {

@@ -107,5 +107,11 @@ fn what_does_not_fit_is_said() {
     find_text(19_200, open, &["--baud", "19200"])
         .exits(2)
         .says("no line has ended");
+    // Right at its speed, whatever is said of others.
+    let few = Some((Coding::Ascii, &b"N10\n"[..]));
+    find_text(9600, few, &["--baud", "9600"])
+        .exits(2)
+        .says("at 9600 baud every character is right, but only 4 different ones came")
+        .says("print more different characters");
     umi(&["line", "find", "--baud", "200"]).exits(1);
 }
