@@ -283,14 +283,16 @@ impl Realiser<'_> {
         Some(axes.into_iter().map(rounded).collect())
     }
 
-    /// Does the axes' way between two poses of a pass keep the stand-off and the tilt, and the point near its chord?
+    /// Does the axes' way between two poses of a pass keep the stand-off and the tilt, and the point near its chord? It may be no
+    /// longer than a step either: from another distance the points of a curved course lie farther apart than on the part.
     fn way_keeps(&self, a: &[f64], b: &[f64]) -> bool {
         let (plan, reference_mm) = (&self.spec.plan, self.spec.sensor.reference_mm);
         let tip = |p: &SensorPose| p.origin_mm + p.beam * reference_mm;
         let machine = &self.spec.machine;
         let (from, to) = (tip(&machine.forward(a)), tip(&machine.forward(b)));
         let near = (CHORD_SHARE * plan.stand_off_tolerance_mm).max(CHORD_MM);
-        looks((to - from).norm()).all(|share| {
+        let way_mm = (to - from).norm();
+        let keeps = |share: f64| {
             let pose = machine.forward(&mixed(a, b, share));
             let far = self.spec.sensor.range_mm[1] * 1.5;
             let hit = self.scenery.meshes[0].first_hit(&pose.origin_mm, &pose.beam, far);
@@ -299,7 +301,8 @@ impl Realiser<'_> {
                     (hit.at - reference_mm).abs() <= plan.stand_off_tolerance_mm * 0.99
                         && self.scenery.tilt_deg(&pose, &hit) <= plan.max_tilt_deg + 1.4
                 })
-        })
+        };
+        way_mm <= plan.max_step_mm && looks(way_mm).all(keeps)
     }
 
     /// Every lean, with the line in one or both senses; then the other distances that are allowed, plain and leant.

@@ -134,13 +134,17 @@ pub fn proved(
     if rows.is_empty() {
         return Err(unreachable(shop, 0.0, &uncovered, obstructed, options));
     }
-    // The same look as `umi scan verify` takes, at the same points.
+    // The same look as `umi scan verify` takes, at the same points and by the limits that are given.
+    let judged = &ScanSpec {
+        plan: shop.given.plan.clone(),
+        ..spec.clone()
+    };
     let count = sample_count(shop.part.surface.area_mm2(), spec.sensor.line_mm);
     let found = if shop.samples.len() == count {
-        findings(shop.part, scenery, spec, &rows, &seen)
+        findings(shop.part, scenery, judged, &rows, &seen)
     } else {
         let same = see(&spec.sensor, scenery, &samples(shop.part, count), &all);
-        findings(shop.part, scenery, spec, &rows, &same)
+        findings(shop.part, scenery, judged, &rows, &same)
     };
     let coverage = seen.share().min(found.coverage);
     let mut refusal =

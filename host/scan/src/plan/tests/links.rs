@@ -60,6 +60,30 @@ fn wall(half_mm: f64) -> Mesh {
     block([-1.0, -half_mm, -10.0], [1.0, half_mm, 225.0])
 }
 
+/// Beside a wall the sensor stands farther off: from there the points of a dome lie farther apart than on it. A looser stand-off had
+/// led to steps of 1.013 mm where 1 is allowed, and to a refusal.
+#[test]
+fn a_dome_beside_a_wall_is_passed_in_steps_within_the_limit() {
+    let dome = height_field([30.0, 25.0], 20, |x, y| -(x * x + y * y) / 150.0);
+    let part = PartMesh::weld(dome, true).unwrap();
+    // A table A, a head B and a spindle that turns.
+    let text = std::fs::read_to_string(folder().join("three_axes.toml")).unwrap();
+    let [at, limits] = ["point_mm = [0, 0, 0]", "limits_deg = [-180, 180]"];
+    let text = format!(
+        "{text}\n[[machine.table]]\nname = \"A\"\naxis = [1, 0, 0]\n{at}\n{limits}\n\n[[machine.head]]\nname = \"B\"\naxis = [0, 1, 0]\n{at}\n{limits}\n"
+    );
+    let mut spec = spec(&text).unwrap();
+    spec.plan.stand_off_tolerance_mm = 4.0;
+    spec.plan.max_step_mm = 1.0;
+    spec.plan.min_coverage = 0.7;
+    let obstacles = [block([39.0, -60.0, 0.0], [51.0, 60.0, 60.0])];
+    let plan = plan(&part, &obstacles, &spec, options(false)).unwrap();
+    keeps(&plan, &spec);
+    assert!(plan.figures.stand_off_max_mm > 1.0, "{:?}", plan.figures);
+    let found = verify(&part, &obstacles, &spec, &plan.rows);
+    assert!(found.holds, "{:?}", found.faults);
+}
+
 #[test]
 fn a_wall_that_cannot_be_gone_over_is_gone_round() {
     let (part, spec) = plates_beside_a_wall();
