@@ -113,15 +113,15 @@ fn round(
             *wide = *value;
         }
     }
+    let zero = Vector3::zeros();
+    let to_place = [Vector3::x(), Vector3::y(), Vector3::z(), zero, zero, zero];
     let mut sums = Sums::new(axes);
     for point in points {
         let arm = Vector3::from(*point) - Vector3::from(*center);
         let arm = arm - axis * axis.dot(&arm);
         let normal = arm / libm::sqrt(arm.norm_squared());
         let row = [normal.x, normal.y, normal.z, 1.0, 0.0, 0.0];
-        sums.add(&wide, &normal, &row, &|[x, y, z, ..]| {
-            Vector3::new(*x, *y, *z)
-        });
+        sums.add(&wide, &normal, &row, &to_place);
     }
     sums.carried()
 }
@@ -187,13 +187,14 @@ impl Cone {
         (normal, [u, v, 1.0, m * u, m * v, m])
     }
 
-    /// By what the apex moves with them. A move a of it, a tilt t of the axis and an opening o are
+    /// By what the apex moves with each of them. A move a of it, a tilt t of the axis and an opening o are
     /// u: a₁ cos + mean t₁, v: a₂ cos + mean t₂, 1: mean o - a₃ sin, m u: t₁ spread, m v: t₂ spread,
     /// m: o spread.
-    fn moves(&self, [u, v, one, mu, mv, m]: &[f64; 6]) -> Vector3<f64> {
-        let back = self.mean / self.spread;
-        let across = self.e1 * (u - back * mu) + self.e2 * (v - back * mv);
-        across / self.cosine - self.direction * ((one - back * m) / self.sine)
+    fn to_apex(&self) -> [Vector3<f64>; 6] {
+        let back = -self.mean / self.spread;
+        let (u, v) = (self.e1 / self.cosine, self.e2 / self.cosine);
+        let one = -self.direction / self.sine;
+        [u, v, one, u * back, v * back, one * back]
     }
 
     #[inline(never)]
@@ -208,10 +209,10 @@ impl Cone {
     #[inline(never)]
     fn carried(&self, points: &[[f64; 3]], axes: &ByAxis) -> Option<CarriedScatter> {
         let unit = self.unit(points)?;
-        let mut sums = Sums::new(axes);
+        let (mut sums, to_apex) = (Sums::new(axes), self.to_apex());
         for point in points {
             let (normal, row) = self.row(point);
-            sums.add(&unit, &normal, &row, &|moved| self.moves(moved));
+            sums.add(&unit, &normal, &row, &to_apex);
         }
         Some(sums.carried())
     }
@@ -244,14 +245,14 @@ impl<'a> Sums<'a> {
         }
     }
 
-    /// `to_place`: what a move of the parameters does to the place.
+    /// `to_place`: what each parameter moves the place by.
     #[inline(never)]
     fn add(
         &mut self,
         unit: &Square<6>,
         normal: &Vector3<f64>,
         row: &[f64; 6],
-        to_place: &dyn Fn(&[f64; 6]) -> Vector3<f64>,
+        to_place: &[Vector3<f64>; 6],
     ) {
         let of_axis = normal.component_mul(normal).component_mul(&self.axes.hit);
         let variance = of_axis.sum() + self.axes.step;
@@ -267,7 +268,11 @@ impl<'a> Sums<'a> {
                 *sum += variance * follow * value;
             }
         }
-        let moved = to_place(&follow);
+        let moved: Vector3<f64> = to_place
+            .iter()
+            .zip(&follow)
+            .map(|(by, share)| by * *share)
+            .sum();
         carried.place += moved * moved.transpose() * variance;
         carried.of_place += of_axis * moved.norm_squared();
     }
