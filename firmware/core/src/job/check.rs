@@ -296,7 +296,9 @@ fn check_guards(job: &Job, guards: &Guards) -> Result<(), JobError> {
     }
     if let Some(probing) = guards.probing {
         for sigma in probing.sigma_mm {
-            positive(sigma, Field::Probing, None)?;
+            if !(LEAST_SIGMA_MM..=MOST_SIGMA_MM).contains(&sigma) {
+                return Err(bad(Field::Probing, None, sigma));
+            }
         }
         positive(probing.dof.into(), Field::Probing, None)?;
     }
@@ -583,6 +585,11 @@ fn is_printable(name: &Name) -> bool {
             .chars()
             .all(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | ' '))
 }
+
+/// No touch scatters less than a nanometre, and none that measures more than a millimetre: its square would leave what the
+/// stated error can be worked out of.
+const LEAST_SIGMA_MM: f64 = 1e-6;
+const MOST_SIGMA_MM: f64 = 1.0;
 
 fn positive(value: f64, field: Field, feature: Option<&Name>) -> Result<(), JobError> {
     if value.is_finite() && value > 0.0 {

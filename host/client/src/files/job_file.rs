@@ -298,7 +298,7 @@ const fn allowed(field: Field) -> &'static str {
         Field::Fixed => "name features with a position, of a job with `reference = \"taught\"`",
         Field::Learned => "give `radius_mm`, `rms_mm` and `centring_mm` above 0",
         Field::Probing => {
-            "give `sigma_mm` above 0, one number or one for each of X, Y and Z, and `dof` of 1 or more"
+            "give `sigma_mm` from 0.000001 to 1, one number or one for each of X, Y and Z, and `dof` of 1 or more"
         }
         Field::Warmth => "give `expansion_ppm_per_k` and `at_most_k` above 0",
         Field::RunVariable => {

@@ -9,6 +9,9 @@ use crate::problem::Problem;
 /// its pole, one is 0.4 µm lower there.
 pub const BESIDE_MM: f64 = 0.1;
 
+/// A touch that scatters by more measures nothing.
+pub const MOST_MM: f64 = 0.1;
+
 /// The names of the axes.
 pub const AXES: [&str; 3] = ["X", "Y", "Z"];
 
@@ -27,8 +30,8 @@ impl AxisScatter {
     /// Of hits along X (0), Y (1) or Z (2).
     ///
     /// # Errors
-    /// `too_few_hits`; `not_one_place`: they are not repeated; `no_scatter`: the coordinate has no digit
-    /// that shows it.
+    /// `too_few_hits`; `not_finite`; `not_one_place`: they are not repeated; `no_scatter`: the coordinate has no digit
+    /// that shows it; `other_axis`: another coordinate scatters more.
     pub fn of(axis: usize, hits: &[Point]) -> Result<Self, Problem> {
         let name = AXES.get(axis).copied().unwrap_or_default();
         let count = hits.len() as f64;
@@ -40,6 +43,16 @@ impl AxisScatter {
             return Err(Problem::refused("too_few_hits", said));
         }
         let along = |of: usize| hits.iter().map(move |hit| hit.to_array_mm()[of]);
+        if let Some(at) = hits
+            .iter()
+            .position(|hit| !hit.to_array_mm().iter().all(|mm| mm.is_finite()))
+        {
+            let said = format!(
+                "hits along {name}: hit {} has a coordinate that is no number",
+                at + 1
+            );
+            return Err(Problem::refused("not_finite", said));
+        }
         let spread =
             |of: usize| along(of).fold(f64::MIN, f64::max) - along(of).fold(f64::MAX, f64::min);
         for across in (0..3).filter(|across| *across != axis) {
@@ -63,6 +76,21 @@ impl AxisScatter {
                 hits[0].to_array_mm()[axis]
             );
             return Err(Problem::refused("no_scatter", said));
+        }
+        if sigma_mm > MOST_MM {
+            let said = format!(
+                "hits along {name}: they scatter by {sigma_mm:.3} mm, which no touch on one place does. Are they \
+                 in millimetres, and all from one side of the ball?"
+            );
+            return Err(Problem::refused("not_one_place", said));
+        }
+        if let Some(across) = (0..3).find(|of| *of != axis && spread(*of) > spread(axis)) {
+            let said = format!(
+                "hits along {name}: they scatter more in {} than in {name}. Are they hits along {0}, in the \
+                 file of another axis?",
+                AXES.get(across).copied().unwrap_or_default()
+            );
+            return Err(Problem::refused("other_axis", said));
         }
         Ok(Self {
             hits: hits.len(),
@@ -131,5 +159,12 @@ mod tests {
         assert_eq!(code(2, &along_z(&[5.0])), "too_few_hits");
         assert_eq!(code(2, &along_z(&[5.0, 5.0, 5.0])), "no_scatter");
         assert_eq!(code(0, &along_z(&[5.0, 5.2])), "not_one_place");
+        assert_eq!(code(2, &along_z(&[-12.7, 12.7])), "not_one_place");
+        assert_eq!(code(2, &along_z(&[f64::INFINITY, 5.0])), "not_finite");
+        let of_y = [[1.0, 5.001, 2.0], [1.001, 5.004, 2.0], [1.0, 5.002, 2.001]];
+        let of_y = of_y.map(|[x, y, z]| Point::from_mm(x, y, z));
+        assert_eq!(code(0, &of_y), "other_axis");
+        assert_eq!(code(2, &of_y), "other_axis");
+        assert!(AxisScatter::of(1, &of_y).is_ok());
     }
 }

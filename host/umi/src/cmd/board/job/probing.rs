@@ -29,7 +29,7 @@ the axis; what the control rounds is in it. `dof` is that of the axis with the f
 that drift, as on a spindle that warms up, give a sigma that is too large, and a stated error
 that is too wide. Axes that scatter alike may be stated by one number: `sigma_mm = 0.001`.
 
-Exit status: 0 told, 1 file or usage, 2 refused: too few hits, not on one place, or none differs.")]
+Exit status: 0 told, 1 file or usage, 2 refused: too few hits, not on one place, none differs, or those of another axis.")]
 pub(crate) struct Probing {
     /// Hits along X on one place
     #[arg(long, value_name = "HITS.csv")]
