@@ -54,20 +54,30 @@ impl Account {
         }
     }
 
-    /// Refuses if too much is unexplained, by what weighs most.
-    pub fn judged(&self) -> Result<(), ScanError> {
-        let [unseen, foreign, within] = [
+    /// What weighs against the fit: what should have been seen, what is foreign about it, and what is within it.
+    fn against(&self) -> [f64; 3] {
+        [
             1.0 - self.seen,
             NEAR * (1.0 - self.near),
             WITHIN * self.within,
-        ];
+        ]
+    }
+
+    /// All of it together.
+    pub fn unexplained(&self) -> f64 {
+        self.against().iter().sum()
+    }
+
+    /// Refuses if too much is unexplained, by what weighs most.
+    pub fn judged(&self) -> Result<(), ScanError> {
+        let [unseen, foreign, within] = self.against();
         let percent = |share: f64| format!("{:.0} %", 100.0 * share);
         let why = if self.own < OWN {
             format!(
                 "{} of what lies on it lies on faces that go on beyond its edges, as a table's or another part's",
                 percent(1.0 - self.own)
             )
-        } else if unseen + foreign + within <= TOO_MUCH {
+        } else if self.unexplained() <= TOO_MUCH {
             return Ok(());
         } else if within >= unseen.max(foreign) {
             format!(

@@ -26,6 +26,8 @@ const LIKE: f64 = 0.5;
 /// and the noise allow, in squares and for each motion.
 const MORE: f64 = 0.03;
 const DOUBTS: f64 = 25.0;
+/// Two poses leave as much unexplained if it is so nearly the same, in shares: some hundred places of the part are seen.
+const AS_WELL: f64 = 0.05;
 
 /// A scan of several, in machine coordinates and carried back.
 pub(in crate::localise) struct EachScan<'a> {
@@ -105,7 +107,9 @@ impl Judge<'_> {
     ///
     /// Where a side goes on beyond its edges, its points count for no pose: a bar that slides along itself comes onto the
     /// chuck behind its end, and lies on a larger body with more points than the scan has of the bar. Nor does a pose
-    /// contradict that would be no place of the part by this scan alone.
+    /// contradict that would be no place of the part by this scan alone: it leaves too much unexplained. Where the scan shows
+    /// the part at the common place as well, another body beside it contradicts only if this scan alone would put the part
+    /// there, and in one way, and that leaves no more unexplained: a corner of a shelf is like a piece of many parts.
     fn off(&self, scene: &Scene, k: usize, located: &Located, far: Option<&[Vec3]>) -> Option<f64> {
         let threads = self.task.threads;
         let (common, sigma) = (&located.motion, located.sigma_mm);
@@ -148,14 +152,35 @@ impl Judge<'_> {
         }
         let before = thin(far?, cell_mm(self.task.model), threads);
         let fits = self.fits(scene, None);
-        let elsewhere = fits.iter().find(|fit| {
-            apart(fit) > reach
-                && matches!(self.worth(scene, fit), Worth::Good)
-                && speaks(fit).is_some()
+        let stands = |fit: &Fit| {
+            matches!(self.worth(scene, fit), Worth::Good)
                 && (self.is_surely(scene, fit)
                     || self.account(scene, fit, &before).0.judged().is_ok())
-        });
-        elsewhere.map(apart)
+        };
+        let is_elsewhere = |fit: &Fit| apart(fit) > reach;
+        let better = |fit: &&Fit| is_elsewhere(fit) && speaks(fit).is_some() && stands(fit);
+        let elsewhere = fits.iter().find(better)?;
+        let common = Fit {
+            motion: *common,
+            sigma_mm: sigma,
+            inliers: count(&here),
+            worth: 0,
+        };
+        let moved = |fit: &Fit| {
+            let there = of(&fit.motion);
+            let both = here.iter().zip(&there).filter(|(a, b)| **a && **b);
+            2 * both.count() > count(&here)
+        };
+        if stands(&common) && !moved(elsewhere) {
+            // Another body: the scan shows the part at either place, or something there that is like a piece of it.
+            let all: Vec<Fit> = fits.iter().cloned().chain([common.clone()]).collect();
+            let alone = self.only_one(scene, &all);
+            let one = alone.ok().filter(|one| one.symmetries.is_empty())?.fit;
+            let left = |fit: &Fit| self.account(scene, fit, &before).0.unexplained();
+            let contradicts = is_elsewhere(&one) && left(&one) < left(&common) + AS_WELL;
+            return contradicts.then(|| apart(&one));
+        }
+        Some(apart(elsewhere))
     }
 
     /// Refuses if the scans together leave too much unexplained, each weighed by what it has on the part.
@@ -201,7 +226,7 @@ mod tests {
     use super::*;
     use crate::localise::fiducials::{Fiducial, FiducialShape};
     use crate::localise::scans::{ScanAnswer, ScanQuestion, TakenScan};
-    use crate::localise::tests::{Random, bracket, scan, task};
+    use crate::localise::tests::{Random, bracket, prism, scan, task};
     use crate::localise::uncertainty::Group;
     use crate::parallel::Threads;
     use crate::rigid::rotation;
@@ -336,16 +361,26 @@ mod tests {
     /// What two scans say of the place of a bracket that the first one shows from all around. `second`: the other's points.
     fn agreed(second: impl Fn(&Mesh, &mut Random) -> Vec<Vec3>) -> Result<(), ScanError> {
         let part = bracket();
+        let second = second(&part, &mut Random(61));
+        agreed_on(&part, 0.01, [&second, &[]])
+    }
+
+    /// The same of any part; the second scan's points, and those of them that are on fiducials.
+    fn agreed_on(part: &Mesh, noise_mm: f64, second: [&[Vec3]; 2]) -> Result<(), ScanError> {
         let mut random = Random(47);
         let all = |_: &Vec3| true;
-        let first = scan(&part, 6000, 0.01, &Pose::identity(), &mut random, all);
-        let located = task(&part, &first).find().unwrap();
-        let second = second(&part, &mut random);
-        let scans = [("first.ply", first.clone()), ("second.ply", second)];
-        let scans = scans.map(|(name, points)| EachScan {
+        let first = scan(part, 6000, noise_mm, &Pose::identity(), &mut random, all);
+        let located = task(part, &first).find().unwrap();
+        let none = Vec::new();
+        let [points, on_fiducials] = second.map(<[Vec3]>::to_vec);
+        let scans = [
+            ("first.ply", first.clone(), none),
+            ("second.ply", points, on_fiducials),
+        ];
+        let scans = scans.map(|(name, points, on_fiducials)| EachScan {
             name,
             points,
-            on_fiducials: Vec::new(),
+            on_fiducials,
         });
         let sure = Group {
             at: Vec3::zeros(),
@@ -359,7 +394,7 @@ mod tests {
                 all: &groups,
                 of: &of,
             },
-            ..task(&part, &first)
+            ..task(part, &first)
         };
         agree(&both, &scans, &located)
     }
@@ -417,5 +452,94 @@ mod tests {
             agreed(with(|_| true)).map_err(|e| e.code),
             Err("scans_disagree")
         );
+    }
+
+    /// A stepped bar along X, its corner at the origin.
+    fn bar() -> Mesh {
+        let outline = [
+            [0.0, -40.64],
+            [25.4, -40.64],
+            [25.4, -14.0],
+            [15.4, -14.0],
+            [15.4, 0.0],
+            [0.0, 0.0],
+        ];
+        let upright = prism(&outline, &[[0, 1, 2, 3], [0, 3, 4, 5]], 76.2, [0.0, 0.0]);
+        let along = |c: &Vec3| Vec3::new(c.z, c.x, c.y);
+        let all: Vec<[Vec3; 3]> = (upright.triangles().iter())
+            .map(|t| t.corners.each_ref().map(along))
+            .collect();
+        Mesh::new(&all).unwrap()
+    }
+
+    /// Points 0.9 mm apart on a rectangle between these, of each this share; one of the three does not change.
+    fn flat(from: [f64; 3], to: [f64; 3], share: f64, random: &mut Random) -> Vec<Vec3> {
+        let (from, to) = (Vec3::from(from), Vec3::from(to));
+        let steps = (to - from).map(|mm| (mm / 0.9).round().max(1.0) as usize);
+        let mut all = Vec::new();
+        for at in 0..steps.product() {
+            let k = [
+                at % steps.x,
+                at / steps.x % steps.y,
+                at / (steps.x * steps.y),
+            ];
+            let of = Vec3::from_fn(|i, _| (k[i] as f64 + 0.5) / steps[i] as f64);
+            if random.next() < share {
+                all.push(from + (to - from).component_mul(&of) + random.vector() * 0.1);
+            }
+        }
+        all
+    }
+
+    /// From above, of the bar its two tops, and little of its sides.
+    fn bar_from_above(random: &mut Random) -> Vec<Vec3> {
+        let mut all = flat([0.0; 3], [76.2, 15.4, 0.0], 0.6, random);
+        let mut more = |from, to, share| all.extend(flat(from, to, share, random));
+        more([0.0, 15.4, -14.0], [76.2, 25.4, -14.0], 0.6);
+        more([0.0, 0.0, -40.64], [76.2, 0.0, 0.0], 0.05);
+        more([0.0, 15.4, -14.0], [76.2, 15.4, 0.0], 0.05);
+        more([0.0, 25.4, -40.64], [76.2, 25.4, -14.0], 0.05);
+        more([0.0, 0.0, -40.64], [0.0, 15.4, 0.0], 0.05);
+        more([76.2, 0.0, -40.64], [76.2, 15.4, 0.0], 0.05);
+        all
+    }
+
+    /// A shelf: its front, and a strip of its top beside what stands on it. The bar's corner lies well in the shelf's, and
+    /// what stands there hides the rest of the bar. `walls`: those of what stands there.
+    fn shelf(walls: bool, random: &mut Random) -> [Vec<Vec3>; 2] {
+        let mut all = flat([0.0; 3], [82.0, 8.0, 0.0], 1.0, random);
+        let mut more = |from, to| all.extend(flat(from, to, 1.0, random));
+        more([0.0, 8.0, 0.0], [10.0, 72.0, 0.0]);
+        more([0.0, 0.0, -20.0], [82.0, 0.0, 0.0]);
+        if walls {
+            more([10.0, 8.0, 0.0], [72.0, 8.0, 12.0]);
+            more([62.0, 8.0, 12.0], [72.0, 8.0, 32.0]);
+            more([62.0, 8.0, 32.0], [72.0, 52.0, 32.0]);
+            more([10.0, 52.0, 42.0], [72.0, 62.0, 42.0]);
+        }
+        let mut fiducial = flat([10.0, 8.0, 12.0], [62.0, 52.0, 12.0], 1.0, random);
+        if walls {
+            fiducial.extend(flat([10.0, 52.0, 12.0], [62.0, 52.0, 42.0], 1.0, random));
+        }
+        [all, fiducial].map(|of| of.iter().map(|p| p + Vec3::new(7.0, 53.0, -50.0)).collect())
+    }
+
+    /// One of two scans shows the bar from above, and beside it a shelf that has more points of the bar's faces, and hides
+    /// what of it is missing. The bar lies there in several ways alike, or leaves more unexplained than where the other scan
+    /// has it: that contradicts nothing. Without the bar it does.
+    #[test]
+    fn a_shelf_that_a_part_could_lie_in_contradicts_no_scan() {
+        let part = bar();
+        for walls in [true, false] {
+            let mut random = Random(59);
+            let shown = bar_from_above(&mut random);
+            let [shelf, fiducial] = shelf(walls, &mut random);
+            let of = |shown: &[Vec3]| {
+                let second = [shown, &shelf].concat();
+                agreed_on(&part, 0.1, [&second, &fiducial]).map_err(|e| e.code)
+            };
+            assert_eq!(of(&shown), Ok(()), "{walls}");
+            assert_eq!(of(&[]), Err("scans_disagree"), "{walls}");
+        }
     }
 }
