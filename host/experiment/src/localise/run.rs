@@ -73,8 +73,6 @@ pub struct ClampingFound {
     pub inside: bool,
     /// That uncertainty.
     pub u_mm: f64,
-    /// Located less true of the corner with A alone, and with B alone, if that was asked; or why one corner says nothing.
-    pub alone_mm: Option<[Result<Vector3<f64>, ScanError>; 2]>,
     /// Probed by nine hits less true, mm.
     pub probed_mm: Vector3<f64>,
     /// What the data said of themselves: noise (mm) and points on the part.
@@ -85,7 +83,35 @@ pub struct ClampingFound {
     pub answer: ScanAnswer,
 }
 
+/// What the scans say of a clamping.
+#[derive(Clone, Debug)]
+pub struct ClampingTried {
+    /// Where it was found by both corners, or why it was not.
+    pub found: Result<ClampingFound, ScanError>,
+    /// Located less true of the corner with A alone, and with B alone, if that was asked; or why one corner says nothing.
+    pub alone_mm: Option<[Result<Vector3<f64>, ScanError>; 2]>,
+}
+
 impl ClampingFound {
+    fn new(truth: Pose, probed_mm: Vector3<f64>, answer: ScanAnswer) -> Self {
+        let located = &answer.located;
+        let error = located.motion.translation_mm - truth.translation_mm;
+        let cov = located.certainty.at(&located.motion, &Vector3::zeros());
+        let inside = cov
+            .try_inverse()
+            .is_some_and(|inverse| error.dot(&(inverse * error)) < REGION);
+        Self {
+            truth,
+            found: located.motion,
+            inside,
+            u_mm: cov.trace().sqrt(),
+            probed_mm,
+            sigma_mm: located.sigma_mm,
+            points: located.n_used,
+            answer,
+        }
+    }
+
     /// Located less true of the part's corner, mm.
     #[must_use]
     pub fn error_mm(&self) -> Vector3<f64> {
@@ -100,15 +126,15 @@ impl ClampingFound {
     }
 }
 
-/// One scanner in all clampings.
+/// One scanner in all clampings. Where the scans do not say where the part is, the others go on.
 ///
 /// # Errors
-/// What stops it: a refusal of the localisation is one.
+/// The scene cannot be made.
 pub fn run(
     setting: &LocaliseSetting,
     clampings: &[PrintedClamping],
     mut progress: impl FnMut(usize),
-) -> Result<Vec<ClampingFound>, LocaliseTrouble> {
+) -> Result<Vec<ClampingTried>, LocaliseTrouble> {
     let part = cell::part()?;
     let fiducials = cell::fiducials(setting.misaligned_rad)?;
     let mut random = Random::new(setting.seed);
@@ -120,29 +146,17 @@ pub fn run(
         progress(number);
         let truth = clamping.pose();
         let scans = take(setting, &truth, &misaligned, &mut random)?;
-        let answer = question(setting, &scans, &fiducials, &part).answer()?;
-        let located = &answer.located;
-        let error = located.motion.translation_mm - truth.translation_mm;
-        let cov = located.certainty.at(&located.motion, &Vector3::zeros());
-        let inside = cov
-            .try_inverse()
-            .is_some_and(|inverse| error.dot(&(inverse * error)) < REGION);
+        let probed_mm = probed(&truth, &mut random) - truth.translation_mm;
+        let answer = question(setting, &scans, &fiducials, &part).answer();
         let alone_mm = setting.alone.then(|| {
             [0, 1].map(|k| {
                 let one = question(setting, &scans, &fiducials[k..=k], &part).answer()?;
                 Ok(one.located.motion.translation_mm - truth.translation_mm)
             })
         });
-        all.push(ClampingFound {
-            truth,
-            found: located.motion,
-            inside,
-            u_mm: cov.trace().sqrt(),
+        all.push(ClampingTried {
+            found: answer.map(|answer| ClampingFound::new(truth, probed_mm, answer)),
             alone_mm,
-            probed_mm: probed(&truth, &mut random) - truth.translation_mm,
-            sigma_mm: located.sigma_mm,
-            points: located.n_used,
-            answer,
         });
     }
     Ok(all)
@@ -150,8 +164,8 @@ pub fn run(
 
 /// The figures of the corner's errors.
 #[must_use]
-pub fn figures(found: &[ClampingFound]) -> ErrorFigures {
-    let errors: Vec<Vector3<f64>> = found.iter().map(ClampingFound::error_mm).collect();
+pub fn figures<'a>(found: impl IntoIterator<Item = &'a ClampingFound>) -> ErrorFigures {
+    let errors: Vec<Vector3<f64>> = found.into_iter().map(ClampingFound::error_mm).collect();
     ErrorFigures::of(&errors)
 }
 
