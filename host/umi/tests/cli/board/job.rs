@@ -270,7 +270,7 @@ fn a_sigma_of_each_axis() {
             at[axis] += um * 1e-3;
             format!("{:.4} {:.4} {:.4}\n", at[0], at[1], at[2])
         };
-        folder.file(name, &um.iter().map(line).collect::<String>())
+        folder.file(name, um.iter().map(line).collect::<String>())
     };
     let x = hits("x.csv", 0, &[0.0, 1.0, 2.0, 3.0]);
     let y = hits("y.csv", 1, &[0.0, 2.0, 4.0]);
