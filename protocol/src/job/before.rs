@@ -2,7 +2,7 @@
 //!
 //! They stand in the settings of boards and in journals. All else of them is as today, so the two
 //! sigmas that are missing are put in, and what comes out is read as a job of today. Where
-//! another part of a job changes its layout, the types of before go with it into [`sigma_end`].
+//! another part of a job changes its layout, the types of before go with it into `sigma_end`.
 
 use heapless::Vec;
 use postcard::Deserializer;
