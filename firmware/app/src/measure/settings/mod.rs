@@ -7,8 +7,8 @@
 //! before each, so that a layout of another version is never misread.
 //!
 //! A message that has nothing to do with jobs may change, and a job that was kept before is in force all the same. Up to
-//! protocol 2.23 the key of all messages stood there: the entries of that one are read, for a sensor has the
-//! same layout since, and a job had it up to 2.24 ([`before`]). Where a layout here changes, its kind gets another number, and the entries of the one before get a
+//! protocol 2.23 the key of all messages stood there. The entries of that one are read: a sensor has the same layout
+//! since, a job had it up to 2.24 ([`before`]). Where a layout here changes, its kind gets another number, and the entries of the one before get a
 //! reader of their own (`the_layouts_are_those_that_are_kept`). An entry of before is written anew where something is to be
 //! kept, and not sooner: a firmware that is put back after a trial finds what it had kept. A power cut on the way leaves
 //! the old one or the new one.

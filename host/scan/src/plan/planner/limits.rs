@@ -62,7 +62,7 @@ pub(super) struct Tries<'a> {
 
 impl Tries<'_> {
     /// Is there so much time for another? If not, that is noted.
-    pub(super) fn last(self, time: Duration) -> bool {
+    pub(super) fn lasts(self, time: Duration) -> bool {
         let lasts = self.deadline.lasts(time);
         if !lasts {
             self.skipped.set(true);
@@ -106,7 +106,7 @@ pub(super) fn best(
             break;
         }
         // Judging takes its time.
-        if !tries.last(begun.elapsed() * 4) {
+        if !tries.lasts(begun.elapsed() * 4) {
             break;
         }
         begun = std::time::Instant::now();
@@ -122,7 +122,7 @@ pub(super) fn best(
     let took = begun.elapsed();
     for finer in FINER {
         // Shorter steps take longer: twice, about.
-        if !tries.last(took * 4) {
+        if !tries.lasts(took * 4) {
             break;
         }
         let found = with(finer, care, best.as_ref().ok());

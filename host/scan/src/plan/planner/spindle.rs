@@ -72,7 +72,7 @@ pub(super) fn best(
         if enough {
             break;
         }
-        if ends && !tries.last(begun.elapsed() * 2) {
+        if ends && !tries.lasts(begun.elapsed() * 2) {
             break;
         }
         begun = Instant::now();
