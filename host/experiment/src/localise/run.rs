@@ -8,7 +8,7 @@ use umi_scan::parallel::Threads;
 use umi_scan::rigid::{Pose, rotation_vector};
 use umi_scan::surface::Mesh;
 use umi_virtual::random::Random;
-use umi_virtual::scene::SceneError;
+use umi_virtual::scene::{AreaScannerSpec, SceneError};
 use umi_virtual::sensor::area;
 
 use super::cell::{self, ScannerKind};
@@ -135,6 +135,19 @@ pub fn run(
     clampings: &[PrintedClamping],
     mut progress: impl FnMut(usize),
 ) -> Result<Vec<ClampingTried>, LocaliseTrouble> {
+    let begun = |number| {
+        progress(number);
+        true
+    };
+    run_of(setting, clampings, begun)
+}
+
+/// The same of those clampings that are wanted. Each is as it is among all of them.
+pub(super) fn run_of(
+    setting: &LocaliseSetting,
+    clampings: &[PrintedClamping],
+    mut is_wanted: impl FnMut(usize) -> bool,
+) -> Result<Vec<ClampingTried>, LocaliseTrouble> {
     let part = cell::part()?;
     let fiducials = cell::fiducials(setting.misaligned_rad)?;
     let mut random = Random::new(setting.seed);
@@ -143,10 +156,13 @@ pub fn run(
     let misaligned = [turned(), turned()];
     let mut all = Vec::new();
     for (number, clamping) in clampings.iter().enumerate() {
-        progress(number);
         let truth = clamping.pose();
-        let scans = take(setting, &truth, &misaligned, &mut random)?;
+        let places = places(setting, &mut random);
         let probed_mm = probed(&truth, &mut random) - truth.translation_mm;
+        if !is_wanted(number) {
+            continue;
+        }
+        let scans = take(setting, &truth, &misaligned, &places)?;
         let answer = question(setting, &scans, &fiducials, &part).answer();
         let alone_mm = setting.alone.then(|| {
             [0, 1].map(|k| {
@@ -169,22 +185,30 @@ pub fn figures<'a>(found: impl IntoIterator<Item = &'a ClampingFound>) -> ErrorF
     ErrorFigures::of(&errors)
 }
 
+/// Where the operator puts the scanner for each scan, and the seed of its noise.
+fn places(setting: &LocaliseSetting, random: &mut Random) -> Vec<(AreaScannerSpec, u64)> {
+    let turned = setting.turned_deg.iter();
+    let place = turned.map(|_| {
+        let spec = cell::scanner(&setting.scanner, random);
+        (spec, random.between(0.0, 9e15) as u64)
+    });
+    place.collect()
+}
+
 fn take(
     setting: &LocaliseSetting,
     truth: &Pose,
     misaligned: &[Vector3<f64>; 2],
-    random: &mut Random,
+    places: &[(AreaScannerSpec, u64)],
 ) -> Result<Vec<TakenScan>, SceneError> {
     let mut scans = Vec::new();
-    for (k, degrees) in setting.turned_deg.iter().enumerate() {
+    for (k, (degrees, (spec, seed))) in setting.turned_deg.iter().zip(places).enumerate() {
         // The front side comes up.
         let moved = Pose::turn(&Vector3::x(), &Vector3::zeros(), -degrees.to_radians());
         let scene = cell::scene(&moved.after(truth), misaligned)?;
-        let spec = cell::scanner(&setting.scanner, random);
-        let seed = random.between(0.0, 9e15) as u64;
         scans.push(TakenScan {
             name: format!("scan {} at {degrees} degrees", k + 1),
-            points: area::scan(&scene, &spec, seed, setting.threads).points,
+            points: area::scan(&scene, spec, *seed, setting.threads).points,
             moved,
             carried: false,
         });

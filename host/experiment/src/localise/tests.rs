@@ -8,7 +8,7 @@ use super::paper::{
     INDUSTRIAL_MM, PrintedClamping, RUN_OUT_RAD, SCANNER_2_SIGMA_MM, SPACING_MM, TABLE_4,
 };
 use super::raw::Printed;
-use super::run::{ClampingFound, LocaliseSetting, TURNED_DEG, figures, run};
+use super::run::{ClampingFound, LocaliseSetting, TURNED_DEG, figures, run, run_of};
 
 #[test]
 fn the_printed_table_is_half_a_millimetre_of_bias_and_little_scatter() {
@@ -107,6 +107,70 @@ fn ten_seeds_meet_the_goals() {
         }
     }
     assert!(crooked.0 * 10 >= crooked.1 * 9, "{crooked:?}");
+}
+
+/// Single clampings of any seed as the experiment has them, as theirs and crooked, by six dense scans or by two thin ones:
+/// `UMI_SEEDS=3..4 UMI_CLAMPINGS=5 UMI_KIND=crooked UMI_THIN=1`.
+#[test]
+#[ignore = "figures of tests/bench/LOCALISE.md"]
+fn clampings_one_by_one() {
+    let said = |name: &str| std::env::var(name).unwrap_or_default();
+    let seeds = said("UMI_SEEDS");
+    let (first, end) = seeds.split_once("..").unwrap_or(("1", "2"));
+    let which = said("UMI_CLAMPINGS");
+    let kind = said("UMI_KIND");
+    let is_thin = !said("UMI_THIN").is_empty();
+    let two_sigma = if kind == "industrial" {
+        INDUSTRIAL_MM
+    } else {
+        SCANNER_2_SIGMA_MM
+    };
+    let misaligned = if kind == "crooked" { RUN_OUT_RAD } else { 0.0 };
+    for seed in first.parse().unwrap()..end.parse().unwrap() {
+        let mut setting = setting(two_sigma, misaligned, seed);
+        setting.alone = !said("UMI_ALONE").is_empty();
+        if is_thin {
+            setting.scanner.spacing_mm = 1.1;
+            setting.turned_deg = &[0.0, 90.0];
+        }
+        // None named: by turns, one of each seed.
+        let is_wanted = |k: usize| match which.as_str() {
+            "" => k as u64 == seed % 5,
+            some => some.contains(&(k + 1).to_string()),
+        };
+        let tried = run_of(&setting, &TABLE_4, is_wanted).unwrap();
+        for one in tried {
+            let alone = one.alone_mm.map(|alone| {
+                alone.map(|a| a.map_or_else(|error| error.code.to_owned(), |e| format!("{e:.4?}")))
+            });
+            match one.found {
+                Err(error) => println!("{kind} {seed}: {} {}", error.code, error.message),
+                Ok(found) => {
+                    let located = &found.answer.located;
+                    let cov = located.certainty.at(&located.motion, &Vector3::zeros());
+                    let axes = cov.symmetric_eigen();
+                    let error = axes.eigenvectors.transpose() * found.error_mm();
+                    let u = axes.eigenvalues.map(f64::sqrt);
+                    println!(
+                        "{kind} {seed}: {:.4} mm off, u {:.4}, inside {}, along its axes {:.4?} u {:.4?} chi2 {:.2}, \
+                         scale {:.5} ± {:.5}, shared {:.2}, {} points, noise {:.4}, alone {alone:?}, {:?}",
+                        found.error_mm().norm(),
+                        found.u_mm,
+                        found.inside,
+                        error.as_slice(),
+                        u.as_slice(),
+                        error.component_div(&u).norm_squared(),
+                        located.certainty.scale,
+                        located.certainty.u_scale,
+                        located.certainty.shared,
+                        found.points,
+                        found.sigma_mm,
+                        located.reasons.iter().map(|r| r.code).collect::<Vec<_>>(),
+                    );
+                }
+            }
+        }
+    }
 }
 
 #[test]

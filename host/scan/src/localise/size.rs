@@ -29,6 +29,8 @@ const LAST: usize = 8;
 const MORE: f64 = 0.005;
 const CHANCE: f64 = 1.0;
 const LEAST: f64 = 10.0;
+/// So many times as many points as a size takes off the part must be more on it.
+const OTHERS: f64 = 4.0;
 /// A size is right within so many times its own doubt.
 const SURE: f64 = 4.0;
 /// What keeps a motion still that nothing holds, over what holds all.
@@ -39,8 +41,18 @@ struct Sized {
     scale: f64,
     motion: Pose,
     noise_mm: f64,
-    /// Points on the part.
-    on: usize,
+    /// The points on the part, by number.
+    on: Vec<usize>,
+}
+
+impl Sized {
+    /// Whether it is a size of the part that these points are on by the pose alone. Of a size that is right they lie on it as
+    /// well; one that takes more than chance of them off, for not many times as many others, has found another body.
+    fn is_of(&self, before: &[usize], least: f64) -> bool {
+        let is_off = |k: &&usize| self.on.binary_search(k).is_err();
+        let lost = before.iter().filter(is_off).count() as f64;
+        lost <= least || self.on.len() as f64 - before.len() as f64 > OTHERS * lost
+    }
 }
 
 impl LocaliseTask<'_> {
@@ -68,13 +80,15 @@ impl LocaliseTask<'_> {
         };
         let limit = fit::INLIER * sigma;
         let there = measure_within(surface, &points, motion, &[], limit, self.threads);
-        let before = near(&there, limit).len();
+        let before = near(&there, limit);
         let start = Sized {
             scale: 1.0,
             motion: *motion,
             noise_mm: sigma,
-            on: before,
+            on: before.clone(),
         };
+        let all = before.len() as f64;
+        let least = (MORE * all).max(CHANCE * all.sqrt()).max(LEAST);
         let mut best: Option<Sized> = None;
         for (k, share) in REACHES.iter().enumerate() {
             let reach = share * diagonal;
@@ -84,7 +98,10 @@ impl LocaliseTask<'_> {
             let reach = reach.max(10.0 * sigma);
             let found = self.seven(surface, &points, &six.about_mm, &start, reach, limit);
             if let Some(found) = found
-                && best.as_ref().is_none_or(|best| found.on > best.on)
+                && found.is_of(&before, least)
+                && best
+                    .as_ref()
+                    .is_none_or(|best| found.on.len() > best.on.len())
             {
                 best = Some(found);
             }
@@ -92,11 +109,9 @@ impl LocaliseTask<'_> {
         let Some(best) = best else {
             return (six, None);
         };
-        let all = before as f64;
-        let least = (MORE * all).max(CHANCE * all.sqrt()).max(LEAST);
-        let more = best.on.saturating_sub(before);
+        let more = best.on.len().saturating_sub(before.len());
         let is_more = more as f64 > least;
-        if !is_more && (best.noise_mm > sigma || best.on < before) {
+        if !is_more && (best.noise_mm > sigma || best.on.len() < before.len()) {
             return (six, None);
         }
         let shrunk = shrunk(&points, &six.about_mm, best.scale);
@@ -139,7 +154,7 @@ impl LocaliseTask<'_> {
         (sized.off_by(off), is_right.then_some(best.motion))
     }
 
-    /// Pose and size by the points within `reach` mm, which narrows to what the noise leaves. `on` counts what lies within
+    /// Pose and size by the points within `reach` mm, which narrows to what the noise leaves. On the part is what lies within
     /// `limit` mm.
     fn seven(
         &self,
@@ -183,7 +198,7 @@ impl LocaliseTask<'_> {
                     scale,
                     motion,
                     noise_mm: noise,
-                    on: near(&measured, limit).len(),
+                    on: near(&measured, limit),
                 });
             }
             reach = (NARROWER * reach).max(fit::TUKEY * noise);

@@ -383,6 +383,106 @@ fn tell_their_size(noise: f64) {
     assert!(clean == 3 && 2 * told > all, "{told} of {all} told");
 }
 
+/// Sizes beside a table and a wall behind the part, by hand: none is OK that is wrong, unless all that the scan shows of the
+/// part is faces that meet in one corner, which are of any size.
+#[test]
+#[ignore = "figures of tests/bench/LOCALISE.md"]
+fn sizes_are_told_among_other_bodies() {
+    let mut random = Random(43);
+    let mut said = std::collections::BTreeMap::<(bool, String), usize>::new();
+    let cases: usize = std::env::var("UMI_SIZES").map_or(60, |n| n.parse().unwrap());
+    for case in 0..cases {
+        let model = [bracket(), square(90.0), square(200.0)][case % 3].clone();
+        let noise = [0.002, 0.02, 0.1][case / 3 % 3];
+        let factor = if random.next() < 0.3 {
+            1.0
+        } else {
+            1.0 + [-1.0, 1.0][case % 2] * (0.003 + 0.06 * random.next().powi(3))
+        };
+        let pose = random.pose();
+        let eye = Vec3::new([-0.6, 0.6][case / 2 % 2], -0.6, 0.6) + random.vector() * 0.2;
+        let eye = eye.normalize();
+        let mut points = scan(&model, 3000, noise, &pose, &mut random, |n| {
+            n.dot(&eye) > 0.1
+        });
+        for q in &mut points {
+            *q *= factor;
+        }
+        let (low, high) = crate::surface::bounds(model.corners().iter());
+        let size = high - low;
+        // Beyond a side that the scan does not show, by up to 8 % of the part's length.
+        let side = (0..3)
+            .find(|&k| eye[k] < -0.1 || random.next() < 0.3)
+            .unwrap_or(0);
+        let beyond = 1.0 + 0.08 * random.next();
+        let count = (random.next() * 1500.0) as usize;
+        for n in 0..count + 1000 {
+            let mut p = low + Vec3::from_fn(|k, _| size[k] * (1.4 * random.next() - 0.2));
+            if n < count {
+                p[side] = if eye[side] > 0.0 {
+                    high[side] - size[side] * beyond
+                } else {
+                    low[side] + size[side] * beyond
+                };
+            } else {
+                p = Vec3::new(low.x - size.x * random.next(), p.y, low.z);
+            }
+            points.push(pose.point(&(p * factor + random.vector() * noise)));
+        }
+        let mut task = task(&model, &points);
+        task.scale_limit_ppm = 2000.0;
+        let what = match task.find() {
+            Err(error) => error.code.to_owned(),
+            Ok(found) if found.reasons.is_empty() => {
+                assert!(
+                    factor == 1.0 || found.n_used > 2950,
+                    "{case}: {noise} mm, {factor}: OK by {} points, {} ± {}",
+                    found.n_used,
+                    found.certainty.scale,
+                    found.certainty.u_scale
+                );
+                "OK".to_owned()
+            }
+            Ok(found) => format!("NG {}", found.reasons[0].code),
+        };
+        *said.entry((factor == 1.0, what)).or_default() += 1;
+    }
+    println!("{said:?}");
+}
+
+/// A bar with a step, in front of a wall: by a size that puts the end which the scan does not show into the wall, more
+/// points lie on it, but others for those of the step. That is no reason to doubt its size.
+#[test]
+fn a_size_that_takes_other_points_for_those_of_the_part_is_none() {
+    const LONG: f64 = 76.2;
+    const BEYOND: f64 = 1.06;
+    let outline = [
+        [0.0, -40.64],
+        [25.4, -40.64],
+        [25.4, -14.0],
+        [15.4, -14.0],
+        [15.4, 0.0],
+        [0.0, 0.0],
+    ];
+    let bar = prism(&outline, &[[0, 1, 2, 3], [0, 3, 4, 5]], LONG, [0.0, 0.0]);
+    for wall in [900, 1400, 2200] {
+        let mut random = Random(71);
+        let pose = random.pose();
+        let mut points = scan(&bar, 6000, 0.1, &pose, &mut random, |n| {
+            n.dot(&Vec3::new(-0.5, 0.8, -0.3)) > 0.1
+        });
+        for _ in 0..wall {
+            let [x, y] = [random.next() * 26.0, -random.next() * 41.0];
+            let at = Vec3::new(x, y, LONG * BEYOND) + random.vector() * 0.1;
+            points.push(pose.point(&at));
+        }
+        let found = task(&bar, &points).find().unwrap();
+        let off = found.motion.apart_mm(&pose, &bar.corners());
+        assert!(off < 0.05, "{wall} points of the wall: {off} mm off");
+        assert!(found.reasons.is_empty(), "{wall}: {:?}", found.reasons);
+    }
+}
+
 /// A face that is worn by 0.3 mm all over, of a part of 120 mm: what is said of it, by how much of the part is seen.
 #[test]
 #[ignore = "figures of tests/bench/LOCALISE.md"]

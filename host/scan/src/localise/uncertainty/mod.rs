@@ -84,17 +84,40 @@ impl Groups<'_> {
         sigma2: f64,
     ) -> Vec<SMatrix<f64, N, N>> {
         let whole = SMatrix::<f64, N, N>::identity();
-        self.all
-            .iter()
+        self.doubts(about, arm)
             .zip(information)
-            .map(|(group, h)| {
-                let carry = group.carry(about, arm);
-                let cov = carry * group.cov * carry.transpose();
-                let mut p = SMatrix::<f64, N, N>::zeros();
-                p.fixed_view_mut::<6, 6>(0, 0).copy_from(&cov);
-                (whole + h * p / sigma2).try_inverse().unwrap_or(whole)
-            })
+            .map(|(p, h)| (whole + h * p / sigma2).try_inverse().unwrap_or(whole))
             .collect()
+    }
+
+    /// That motion of each group, (H + P⁻¹)⁻¹ g, by what its points say beside the pose (g).
+    fn own<const N: usize>(
+        &self,
+        damping: &[SMatrix<f64, N, N>],
+        said: &[SVector<f64, N>],
+        about: &Vec3,
+        arm: f64,
+        sigma2: f64,
+    ) -> Vec<SVector<f64, N>> {
+        self.doubts(about, arm)
+            .zip(damping.iter().zip(said))
+            .map(|(p, (d, g))| p * (d * g) / sigma2)
+            .collect()
+    }
+
+    /// How sure each group's place is, as turns about `about`, in units of the arm, and shifts.
+    fn doubts<const N: usize>(
+        &self,
+        about: &Vec3,
+        arm: f64,
+    ) -> impl Iterator<Item = SMatrix<f64, N, N>> {
+        self.all.iter().map(move |group| {
+            let carry = group.carry(about, arm);
+            let mut p = SMatrix::<f64, N, N>::zeros();
+            p.fixed_view_mut::<6, 6>(0, 0)
+                .copy_from(&(carry * group.cov * carry.transpose()));
+            p
+        })
     }
 
     /// The group of the point `i`; 0 where there are none.
@@ -169,7 +192,12 @@ pub(super) fn certainty(
     let white = inverse * sigma2;
     let row =
         |i: usize| -> Vector6<f64> { damping[groups.of(i)].fixed_view::<6, 6>(0, 0) * row(i) };
-    let left = |i: usize| measured[i].distance_mm;
+    // What a group's own doubt explains is in `inverse`, and no error that neighbours share.
+    let own = groups.own(&damping, &rights, &about, arm, sigma2);
+    let left = |i: usize| {
+        let own = own.get(groups.of(i)).map_or(0.0, |x| grown(i).dot(x));
+        measured[i].distance_mm + own
+    };
     let direction = |i: usize| measured[i].direction;
     // Where scans are told apart, their own doubts say how they differ.
     let faces = groups.all.is_empty();
@@ -217,7 +245,16 @@ pub(super) fn certainty(
     // What is left with the scale in the fit: a wrong scale looks like errors that neighbours share.
     let (scale, u_scale) = solved.map_or((1.0, f64::INFINITY), |inverse| {
         let delta = inverse * right;
-        let left = |i: usize| measured[i].distance_mm + grown(i).dot(&delta);
+        let said: Vec<_> = rights
+            .iter()
+            .zip(&sevens)
+            .map(|(g, h)| g - h * delta)
+            .collect();
+        let own = groups.own(&damping, &said, &about, arm, sigma2);
+        let left = |i: usize| {
+            let own = own.get(groups.of(i)).copied().unwrap_or_default();
+            measured[i].distance_mm + grown(i).dot(&(delta + own))
+        };
         let mut all: Vec<f64> = on_part.iter().map(|&i| left(i).abs()).collect();
         let sigma = sigma_mm.min(1.4826 * median(&mut all));
         let row = |i: usize| damping[groups.of(i)] * grown(i);
