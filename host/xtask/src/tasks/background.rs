@@ -10,6 +10,7 @@ use anyhow::{Context as _, Result, ensure};
 use clap::ValueEnum as _;
 
 use crate::tasks::firmware;
+use crate::tasks::firmware::reproduce;
 use crate::tasks::firmware::toolchain::Toolchain;
 use crate::tasks::size;
 use crate::workspace::Workspace;
@@ -26,12 +27,12 @@ pub(crate) struct Arguments {
 }
 
 /// The checks: every image is built and within its budget, and with the first compiler its
-/// code has no lints.
+/// code has no lints, and one image is the same bytes in another folder.
 pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
     let toolchain = arguments.toolchain;
     size::run(workspace, &size::Arguments::with(toolchain))?;
     match toolchain {
-        None => firmware::lint(workspace),
+        None => firmware::lint(workspace).and_then(|()| reproduce::again(workspace)),
         Some(_) => Ok(()),
     }
 }

@@ -98,24 +98,25 @@ pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
     {
         println!("{}", how_to_test(workspace, board, &images));
     }
-    sums(&images)
+    Ok(())
 }
 
-/// Writes the digests of the images beside them, as `sha256sum --check` reads them.
-fn sums(images: &[Image]) -> Result<()> {
-    for image in images {
-        let mut text = String::new();
-        for end in ["elf", "bin", "uf2"] {
-            let file = image.elf.with_extension(end);
-            if file.is_file() {
-                let sum = reproduce::sum(&read(&file)?);
-                text += &format!("{sum}  {}.{end}\n", image.name);
-            }
+/// The end of the name of a file of digests.
+const SUMS: &str = "sha256";
+
+/// Writes the digests of an image's files beside them, as `sha256sum --check` reads them.
+fn sums(image: &Path) -> Result<()> {
+    let mut text = String::new();
+    for end in ["elf", "bin", "uf2", "umif"] {
+        let file = image.with_extension(end);
+        if file.is_file() {
+            let sum = reproduce::sum(&read(&file)?);
+            let name = file.file_name().unwrap_or_default();
+            text += &format!("{sum}  {}\n", name.display());
         }
-        let file = image.elf.with_extension("sha256");
-        fs::write(&file, text).with_context(|| format!("cannot write {}", file.display()))?;
     }
-    Ok(())
+    let file = image.with_extension(SUMS);
+    fs::write(&file, text).with_context(|| format!("cannot write {}", file.display()))
 }
 
 /// What to do with the image of a self-test.
@@ -208,6 +209,7 @@ fn build_images(
             images.push(put(&folder, board, name, &built)?);
         }
     }
+    images.iter().try_for_each(|image| sums(&image.elf))?;
     Ok(Built { images, compiler })
 }
 
@@ -368,4 +370,24 @@ fn put(folder: &Path, board: &'static Board, name: String, built: &Path) -> Resu
 /// The bytes of a file.
 pub fn read(file: &Path) -> Result<Vec<u8>> {
     fs::read(file).with_context(|| format!("cannot read {}", file.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{fs, sums};
+
+    /// Each file of an image is in its digests, by its name; another image's is not (FIPS 180-2, B.1).
+    #[test]
+    fn digests_stand_beside_an_image() {
+        const ABC: &str = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
+        let folder = std::env::temp_dir().join(format!("umi-sums-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        for name in ["pico.elf", "pico.uf2", "pico2.elf"] {
+            fs::write(folder.join(name), "abc").unwrap();
+        }
+        sums(&folder.join("pico.elf")).unwrap();
+        let told = fs::read_to_string(folder.join("pico.sha256")).unwrap();
+        assert_eq!(told, format!("{ABC}  pico.elf\n{ABC}  pico.uf2\n"));
+        fs::remove_dir_all(&folder).unwrap();
+    }
 }

@@ -2,7 +2,8 @@
 //!
 //! What is committed is put into two folders of different names and depths and built in each from
 //! nothing. Every file of an image (ELF with its debug information, .bin, .uf2) must have the same
-//! bytes in both.
+//! bytes in both. The tests build one image once more ([`again`]) and compare it with the one that is
+//! there: what makes one image another in another folder, as the names of our crates did, makes all so.
 //!
 //! Cargo would name our crates by their paths, and so order code by them:
 //! [`super::crate_names`] gives them names without.
@@ -18,7 +19,7 @@ use anyhow::{Context as _, Result, ensure};
 use sha2::{Digest as _, Sha256};
 
 use super::boards::{self, Board, Wanted};
-use super::build_images;
+use super::{SUMS, build_images, toolchain};
 use crate::console;
 use crate::workspace::{Workspace, output};
 
@@ -34,10 +35,17 @@ pub(crate) struct Arguments {
     /// The boards, or `selftest-` and a board for its self-test alone; all boards if none is
     /// named.
     boards: Vec<String>,
+    /// Builds the smallest image only, once, from the sources as they stand, and compares it with the one in
+    /// target/firmware: what the tests do.
+    #[arg(long, conflicts_with = "boards")]
+    again: bool,
 }
 
 /// Builds and compares.
 pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
+    if arguments.again {
+        return again(workspace);
+    }
     let wanted = boards::select_images(&arguments.boards)?;
     let folder = emptied(workspace)?;
     let commit = commit(workspace)?;
@@ -49,6 +57,62 @@ pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
         unreachable!("two folders")
     };
     same(first, second, &folder)
+}
+
+/// The image that is built once more: of all it takes the least time.
+const LEAST: &str = "selftest-pico";
+
+/// Builds one image once more, in another folder, from the sources as they stand here: it must be the one that
+/// was built here, byte for byte.
+pub fn again(workspace: &Workspace) -> Result<()> {
+    let toolchain = toolchain::choose(workspace, None)?;
+    let compiler = toolchain.compiler(workspace)?;
+    if !compiler.is_pinned {
+        console::warning(&format!(
+            "not tried whether images are the same in another folder: {compiler}"
+        ));
+        return Ok(());
+    }
+    let wanted = boards::select_images(&[LEAST.to_owned()])?;
+    let folder = emptied(workspace)?;
+    let sources = as_they_stand(workspace, &folder)?;
+    let copy = copied(workspace, &sources, &folder.join("another/folder/deeper"))?;
+    // Macros and build scripts of others' crates run on this computer and are in no image: they are taken as they
+    // are. Where they cannot be, it takes longer.
+    let made = toolchain.build(&copy);
+    fs::create_dir_all(&made)?;
+    let mut take = workspace.command("cp");
+    let _ = output(
+        take.arg("-a")
+            .arg(toolchain.build(workspace).join("firmware"))
+            .arg(&made),
+    );
+    build_images(&copy, &wanted, None)?;
+    let there = summed(&copy.firmware())?;
+    same(&of_the_same_names(workspace, &there)?, &there, &folder)
+}
+
+/// The digests of the images that were built here, of those that were built there.
+fn of_the_same_names(
+    workspace: &Workspace,
+    there: &[(String, String)],
+) -> Result<Vec<(String, String)>> {
+    let mut here = summed(&workspace.firmware())?;
+    here.retain(|(name, _)| there.iter().any(|(other, _)| name == other));
+    Ok(here)
+}
+
+/// The sources of the checkout as git's name of a tree, with what is not committed.
+fn as_they_stand(workspace: &Workspace, folder: &Path) -> Result<String> {
+    fs::create_dir_all(folder)?;
+    let git = |arguments: &[&str]| {
+        let mut command = workspace.command("git");
+        // Not the user's own index.
+        command.env("GIT_INDEX_FILE", folder.join("index"));
+        output(command.args(arguments))
+    };
+    git(&["add", "--all"])?;
+    Ok(git(&["write-tree"])?.trim().to_owned())
 }
 
 /// The folder for copies, without any.
@@ -69,11 +133,11 @@ fn commit(workspace: &Workspace) -> Result<String> {
 /// The digests of images that are built in a folder of their own.
 fn built(
     workspace: &Workspace,
-    commit: &str,
+    sources: &str,
     root: &Path,
     wanted: &[(&'static Board, Wanted)],
 ) -> Result<Vec<(String, String)>> {
-    let copy = copied(workspace, commit, root)?;
+    let copy = copied(workspace, sources, root)?;
     build_images(&copy, wanted, None)?;
     summed(&copy.firmware())
 }
@@ -100,11 +164,11 @@ fn same(first: &[(String, String)], second: &[(String, String)], folder: &Path) 
     Ok(())
 }
 
-/// A commit in a folder of its own, with its own target folder.
-fn copied(workspace: &Workspace, commit: &str, root: &Path) -> Result<Workspace> {
+/// A commit, or a tree, in a folder of its own, with its own target folder.
+fn copied(workspace: &Workspace, sources: &str, root: &Path) -> Result<Workspace> {
     fs::create_dir_all(root)?;
     let archive = root.join("sources.tar");
-    let git = ["archive", "--format=tar", commit, "--output"];
+    let git = ["archive", "--format=tar", sources, "--output"];
     output(workspace.command("git").args(git).arg(&archive))?;
     let tar = workspace
         .command("tar")
@@ -131,7 +195,7 @@ fn summed(folder: &Path) -> Result<Vec<(String, String)>> {
     let mut files: Vec<PathBuf> = fs::read_dir(folder)?
         .map(|entry| entry.map(|entry| entry.path()))
         .collect::<Result<_, _>>()?;
-    files.retain(|file| file.is_file());
+    files.retain(|file| file.is_file() && file.extension().is_none_or(|end| end != SUMS));
     files.sort();
     files
         .iter()
@@ -145,7 +209,7 @@ fn name(file: &Path) -> String {
 }
 
 /// SHA-256 in hexadecimal digits.
-pub(super) fn sum(bytes: &[u8]) -> String {
+pub fn sum(bytes: &[u8]) -> String {
     let sum = Sha256::digest(bytes);
     sum.iter().map(|byte| format!("{byte:02x}")).collect()
 }
@@ -170,5 +234,60 @@ mod tests {
         assert!(same(&[], &[], &folder).is_err());
         same(&first, &first, &folder).unwrap();
         assert!(!folder.exists());
+    }
+
+    /// One byte of an image here, or an image that is not here, and it is not the one that was built there; what
+    /// was built here besides is not asked for.
+    #[test]
+    fn one_byte_is_told() {
+        let folder = std::env::temp_dir().join(format!("umi-again-{}", std::process::id()));
+        let workspace = |name: &str| {
+            let root = folder.join(name);
+            let target = root.join("target");
+            fs::create_dir_all(target.join("firmware")).unwrap();
+            Workspace { root, target }
+        };
+        let (here, there) = (workspace("a"), workspace("b"));
+        let write = |to: &Workspace, name: &str, bytes| {
+            fs::write(to.firmware().join(name), bytes).unwrap();
+        };
+        let compared = || {
+            let there = summed(&there.firmware()).unwrap();
+            same(
+                &of_the_same_names(&here, &there).unwrap(),
+                &there,
+                &folder.join("copies"),
+            )
+        };
+        fs::create_dir_all(folder.join("copies")).unwrap();
+        write(&there, "small.elf", b"image");
+        write(&there, "small.uf2", b"drive");
+        write(&here, "other.elf", b"other");
+        write(&here, "small.elf", b"image");
+        assert!(compared().is_err());
+        write(&here, "small.uf2", b"drivf");
+        assert!(compared().is_err());
+        write(&here, "small.uf2", b"drive");
+        compared().unwrap();
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    /// What is not committed is copied as well, and the user's index stays as it is.
+    #[test]
+    fn sources_as_they_stand() {
+        let folder = std::env::temp_dir().join(format!("umi-stand-{}", std::process::id()));
+        let workspace = Workspace {
+            root: folder.join("checkout"),
+            target: folder.join("target"),
+        };
+        fs::create_dir_all(&workspace.root).unwrap();
+        let git = |arguments: &[&str]| output(workspace.command("git").args(arguments)).unwrap();
+        git(&["init", "--quiet"]);
+        fs::write(workspace.root.join("new"), "sources").unwrap();
+        let tree = as_they_stand(&workspace, &folder.join("index")).unwrap();
+        let copy = copied(&workspace, &tree, &folder.join("copy")).unwrap();
+        assert_eq!(fs::read(copy.root.join("new")).unwrap(), b"sources");
+        assert_eq!(git(&["ls-files"]), "");
+        fs::remove_dir_all(&folder).unwrap();
     }
 }

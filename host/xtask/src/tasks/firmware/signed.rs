@@ -16,7 +16,7 @@ use anyhow::{Context as _, Result, ensure};
 use imagecheck::load::{self, LoadPart};
 
 use super::toolchain::Toolchain;
-use super::{Built, boards, build, folder, read, toolchain, uf2};
+use super::{Built, boards, build, folder, read, sums, toolchain, uf2};
 use crate::console;
 use crate::workspace::{Workspace, execute, output};
 
@@ -63,6 +63,9 @@ pub fn run(
     let whole = folder.join("pico-signed.uf2");
     let bytes = new_board(&loader, public, &image)?;
     fs::write(&whole, &bytes).with_context(|| format!("cannot write {}", whole.display()))?;
+    [&whole, &signed[0], &signed[1]]
+        .into_iter()
+        .try_for_each(|file| sums(file))?;
     let mut rows = vec![["file", "bytes", "what to do with it"].map(String::from)];
     let for_updates = "for a board that runs the other one: umi update";
     let shown = [
