@@ -10,7 +10,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::{Parser, Subcommand};
 
-use crate::tasks::{background, bench, firmware, flash, fuzz, set_up, size, test};
+use crate::tasks::{background, bench, firmware, flash, fuzz, release, set_up, size, test};
 use crate::workspace::Workspace;
 
 /// Sets up, tests and measures openumi.
@@ -29,6 +29,7 @@ enum Task {
     Flash(flash::Arguments),
     Sbom(firmware::sbom::Arguments),
     Reproduce(firmware::reproduce::Arguments),
+    Release(release::Arguments),
     Size(size::Arguments),
     Fuzz(fuzz::Arguments),
     Bench(bench::Arguments),
@@ -59,6 +60,7 @@ fn run(arguments: Arguments) -> Result<()> {
         Task::Flash(arguments) => flash::run(&workspace, &arguments),
         Task::Sbom(arguments) => firmware::sbom::run(&workspace, &arguments),
         Task::Reproduce(arguments) => firmware::reproduce::run(&workspace, &arguments),
+        Task::Release(arguments) => release::run(&workspace, &arguments),
         Task::Size(arguments) => size::run(&workspace, &arguments),
         Task::Fuzz(arguments) => fuzz::run(&workspace, &arguments),
         Task::FirmwareChecks(arguments) => background::run(&workspace, &arguments),

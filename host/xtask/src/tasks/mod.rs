@@ -6,6 +6,7 @@ pub mod deny;
 pub mod firmware;
 pub mod flash;
 pub mod fuzz;
+pub mod release;
 pub mod set_up;
 pub mod size;
 pub mod test;

@@ -11,7 +11,7 @@ use crate::console::{self, Line, Outcome};
 use crate::tasks::background::Background;
 use crate::tasks::firmware::toolchain;
 use crate::tasks::set_up::{self, OF_TESTS};
-use crate::tasks::{bench, deny, unused};
+use crate::tasks::{bench, deny, release, unused};
 use crate::tools::{browser, emulators, readers, referee, spelling};
 use crate::workspace::{Workspace, execute, in_ci};
 
@@ -47,7 +47,7 @@ struct Run<'a> {
 type Action = fn(&Run<'_>) -> Result<Outcome>;
 
 /// The steps in order, each with whether `--quick` runs it too.
-const STEPS: [(&str, bool, Action); 11] = [
+const STEPS: [(&str, bool, Action); 12] = [
     ("format", true, format),
     ("set-up", false, set_up),
     ("dependencies", false, dependencies),
@@ -59,6 +59,7 @@ const STEPS: [(&str, bool, Action); 11] = [
     ("tests", true, tests),
     ("second compiler", false, second_compiler),
     ("demo", false, demo),
+    ("release", false, release),
 ];
 
 /// Runs the steps.
@@ -420,6 +421,16 @@ fn demo(run: &Run<'_>) -> Result<Outcome> {
         out.display()
     );
     Ok(Outcome::Passed)
+}
+
+/// The tool as it is given away: its list of dependencies can be read.
+fn release(run: &Run<'_>) -> Result<Outcome> {
+    if !cfg!(target_os = "linux") && !in_ci() {
+        return Ok(Outcome::Skipped(
+            "objcopy knows programs of Linux".to_owned(),
+        ));
+    }
+    release::run(run.workspace, &release::Arguments {}).map(|()| Outcome::Passed)
 }
 
 #[cfg(test)]

@@ -61,6 +61,21 @@ pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
+/// What `umi` is built on, as cargo-auditable puts it into a program: its scheme is
+/// <https://github.com/rust-secure-code/cargo-auditable/blob/master/cargo-auditable.schema.json>.
+pub fn of_umi(workspace: &Workspace) -> Result<Value> {
+    let parts = Parts::read(&of_tool(workspace)?)?;
+    Ok(parts.auditable(&checksums_of_tool(workspace)?))
+}
+
+/// The names and versions of the lock file that `umi` is built by.
+pub fn locked(workspace: &Workspace) -> Result<BTreeSet<PackageName>> {
+    Ok(packages(&lock_of_tool(workspace))?
+        .into_iter()
+        .map(|(name, _)| name)
+        .collect())
+}
+
 fn put(file: &Path, name: &str, parts: &Parts, list: &Value) -> Result<[String; 4]> {
     let text = serde_json::to_string_pretty(list)? + "\n";
     fs::write(file, text).with_context(|| format!("cannot write {}", file.display()))?;
@@ -109,8 +124,12 @@ fn of_tool(workspace: &Workspace) -> Result<String> {
     ]))
 }
 
-fn checksums_of_tool(workspace: &Workspace) -> Result<BTreeMap<Name, String>> {
-    checksums(&workspace.root.join("Cargo.lock"))
+fn lock_of_tool(workspace: &Workspace) -> PathBuf {
+    workspace.root.join("Cargo.lock")
+}
+
+fn checksums_of_tool(workspace: &Workspace) -> Result<BTreeMap<PackageName, String>> {
+    checksums(&lock_of_tool(workspace))
 }
 
 /// SHA-256 and SHA-512 in hexadecimal digits.
@@ -123,10 +142,18 @@ fn hashed(bytes: &[u8]) -> [(&'static str, String); 2] {
 }
 
 /// Name and version.
-type Name = (String, String);
+pub type PackageName = (String, String);
 
 /// The check value that a lock file has of each package.
-fn checksums(lock: &PathBuf) -> Result<BTreeMap<Name, String>> {
+fn checksums(lock: &Path) -> Result<BTreeMap<PackageName, String>> {
+    let packages = packages(lock)?.into_iter();
+    Ok(packages
+        .filter_map(|(name, checksum)| Some((name, checksum?)))
+        .collect())
+}
+
+/// The packages of a lock file, with the check value of those that a registry has.
+fn packages(lock: &Path) -> Result<Vec<(PackageName, Option<String>)>> {
     let text =
         fs::read_to_string(lock).with_context(|| format!("cannot read {}", lock.display()))?;
     let lock: toml::Table = text.parse()?;
@@ -136,10 +163,8 @@ fn checksums(lock: &PathBuf) -> Result<BTreeMap<Name, String>> {
     Ok(packages
         .iter()
         .filter_map(|of| {
-            Some((
-                (text(of, "name")?, text(of, "version")?),
-                text(of, "checksum")?,
-            ))
+            let name = (text(of, "name")?, text(of, "version")?);
+            Some((name, text(of, "checksum")))
         })
         .collect())
 }
@@ -154,20 +179,20 @@ struct Package {
 /// Packages, who needs whom, and which of them are in what is built.
 #[derive(Debug)]
 struct Parts {
-    root: Name,
-    packages: BTreeMap<Name, Package>,
-    needs: BTreeMap<Name, BTreeSet<Name>>,
-    linked: BTreeSet<Name>,
+    root: PackageName,
+    packages: BTreeMap<PackageName, Package>,
+    needs: BTreeMap<PackageName, BTreeSet<PackageName>>,
+    linked: BTreeSet<PackageName>,
 }
 
 impl Parts {
     /// Reads what `cargo tree` says: a line for each package, with its depth before it.
     fn read(tree: &str) -> Result<Self> {
         let mut packages = BTreeMap::new();
-        let mut needs: BTreeMap<Name, BTreeSet<Name>> = BTreeMap::new();
+        let mut needs: BTreeMap<PackageName, BTreeSet<PackageName>> = BTreeMap::new();
         let mut macros = BTreeSet::new();
         // Who stands above a line.
-        let mut above: Vec<Name> = Vec::new();
+        let mut above: Vec<PackageName> = Vec::new();
         for line in tree.lines().filter(|line| !line.is_empty()) {
             let mut fields = line.trim_end_matches(" (*)").splitn(4, '|');
             let mut next = || fields.next().with_context(|| format!("no package: {line}"));
@@ -225,12 +250,12 @@ impl Parts {
         &self,
         name: &str,
         kind: &str,
-        checksums: &BTreeMap<Name, String>,
+        checksums: &BTreeMap<PackageName, String>,
         bytes: Option<&[(&'static str, String)]>,
     ) -> Result<Value> {
         let hash = |alg: &str, content: &str| json!({"alg": alg, "content": content});
-        let reference = |(name, version): &Name| format!("pkg:cargo/{name}@{version}");
-        let component = |of: &Name| {
+        let reference = |(name, version): &PackageName| format!("pkg:cargo/{name}@{version}");
+        let component = |of: &PackageName| {
             let Package {
                 licence,
                 repository,
@@ -286,6 +311,26 @@ impl Parts {
     }
 }
 
+impl Parts {
+    /// The list as cargo-auditable has it: who needs whom by places in the list.
+    fn auditable(&self, checksums: &BTreeMap<PackageName, String>) -> Value {
+        let places: BTreeMap<&PackageName, usize> = self.packages.keys().zip(0..).collect();
+        let package = |of: &PackageName| {
+            let needs = self.needs.get(of).into_iter().flatten();
+            let needs: BTreeSet<usize> = needs.map(|of| places[of]).collect();
+            json!({
+                "name": of.0,
+                "version": of.1,
+                "source": if checksums.contains_key(of) { "crates.io" } else { "local" },
+                "kind": if self.linked.contains(of) { "runtime" } else { "build" },
+                "dependencies": needs,
+                "root": *of == self.root,
+            })
+        };
+        json!({"packages": self.packages.keys().map(package).collect::<Vec<_>>()})
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -328,5 +373,21 @@ mod tests {
             .iter()
             .find(|of| of["ref"] == "pkg:cargo/umi-core@0.1.0");
         assert_eq!(core.unwrap()["dependsOn"], json!(["pkg:cargo/serde@1.0.2"]));
+        // serde, serde_derive, syn, umi-core, umi-pico.
+        let told = parts.auditable(&sums);
+        let told = told["packages"].as_array().unwrap();
+        let of = |at: usize, key: &str| &told[at][key];
+        assert_eq!(*of(0, "source"), "crates.io");
+        assert_eq!(*of(0, "dependencies"), json!([1]));
+        assert_eq!(
+            (of(1, "kind"), of(3, "kind")),
+            (&json!("build"), &json!("runtime"))
+        );
+        assert_eq!(*of(4, "dependencies"), json!([0, 3]));
+        assert_eq!(
+            (of(4, "root"), of(4, "source")),
+            (&json!(true), &json!("local"))
+        );
+        assert!(told.iter().filter(|of| of["root"] == true).count() == 1);
     }
 }
