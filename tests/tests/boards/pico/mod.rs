@@ -10,6 +10,7 @@ mod figures;
 mod inputs;
 mod load;
 mod owner;
+mod pull;
 mod selftest;
 mod serial;
 mod usb;
