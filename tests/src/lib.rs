@@ -4,4 +4,5 @@ pub mod cases;
 pub mod damage;
 pub mod referee;
 pub mod rig;
+pub mod soak;
 pub mod ways;

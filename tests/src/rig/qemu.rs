@@ -139,6 +139,26 @@ impl QemuRig {
         self.machine().restarted()
     }
 
+    /// How often the board has started since the power came.
+    #[must_use]
+    pub fn starts(&self) -> usize {
+        self.console().matches("umi-mps2-an500 ").count()
+    }
+
+    /// Waits until the board has started so often, by itself. Nobody asks it anything between two starts that
+    /// follow each other: the second would find half of it.
+    ///
+    /// # Panics
+    /// If that takes too long.
+    pub fn wait_for_starts(&mut self, starts: usize) {
+        let deadline = Instant::now() + PATIENCE;
+        while self.starts() < starts {
+            assert!(Instant::now() < deadline, "{}", self.console());
+            thread::sleep(Duration::from_millis(20));
+        }
+        self.machine().begins_anew();
+    }
+
     /// Closes the jumper, or opens it.
     ///
     /// # Panics
@@ -283,10 +303,15 @@ impl Machine {
     fn restarted(&mut self) -> ResetReason {
         // It has taken in one at least before.
         self.wait_for("it starts anew", |state, before| state.taken < before.taken);
-        (self.sent, self.from_control) = (0, 0);
         let reset = self.state.reset;
-        self.stimulate(&Stimulus::Host { connected: false });
+        self.begins_anew();
         reset
+    }
+
+    /// The board counts from nothing, and no cable is plugged in.
+    fn begins_anew(&mut self) {
+        (self.sent, self.from_control) = (0, 0);
+        self.stimulate(&Stimulus::Host { connected: false });
     }
 
     /// Waits for a state of the board that is as it should be, given the one before it.

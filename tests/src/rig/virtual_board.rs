@@ -1,10 +1,14 @@
 //! The virtual board as a rig.
 
 use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
 use std::time::Duration;
 
 use umi_app::board::{Lights, SensorLines};
 use umi_client::board::link::Transport;
+use umi_core::units::Micros;
 use umi_protocol::latch::{LatchCause, LatchReport, Positions};
 use umi_protocol::serial::LineSettings;
 use umi_virtual::board::BoardTime;
@@ -12,10 +16,14 @@ use umi_virtual::{Config, VirtualBoard};
 
 use super::Rig;
 
-/// A virtual board whose time is that of the wall.
+/// A virtual board whose time is that of the wall, or goes on faster.
 pub struct VirtualRig {
     config: Config,
-    board: Option<VirtualBoard>,
+    board: Option<Arc<VirtualBoard>>,
+    /// Where the board's time is its own.
+    clock: Option<Clock>,
+    /// Of that time, in the starts that have ended.
+    passed: Duration,
     counts: Vec<i64>,
     skips: u32,
     triggers: u32,
@@ -27,20 +35,35 @@ impl VirtualRig {
     /// # Errors
     /// As [`VirtualBoard::start`].
     pub fn start() -> io::Result<Self> {
-        let config = Config {
+        Self::of(Config {
             time: BoardTime::Real,
             control: Some(LineSettings::DEFAULT),
             ..Config::default()
-        };
+        })
+    }
+
+    /// This board, switched on. Where its time is given to it, that goes on a hundred times as fast as the wall's.
+    ///
+    /// # Errors
+    /// As [`VirtualBoard::start`].
+    pub fn of(config: Config) -> io::Result<Self> {
+        let board = Arc::new(VirtualBoard::start(config.clone())?);
         let mut rig = Self {
-            board: Some(VirtualBoard::start(config.clone())?),
+            clock: Clock::of(&config, &board),
+            board: Some(board),
             config,
+            passed: Duration::ZERO,
             counts: Vec::new(),
             skips: 0,
             triggers: 0,
         };
         rig.move_to(&[0; 3]);
         Ok(rig)
+    }
+
+    /// Closes the owner's jumper, or opens it: the board sees it at its next start.
+    pub fn close_jumper(&mut self, is_closed: bool) {
+        self.config.jumper = is_closed;
     }
 
     fn board(&self) -> &VirtualBoard {
@@ -77,6 +100,44 @@ impl VirtualRig {
     }
 }
 
+/// How far the board's clock goes on in a millisecond of the wall's.
+const TURN_US: u64 = 100_000;
+
+/// What lets a board's time go on.
+struct Clock {
+    ends: Arc<AtomicBool>,
+    turns: Option<JoinHandle<()>>,
+}
+
+impl Clock {
+    fn of(config: &Config, board: &Arc<VirtualBoard>) -> Option<Self> {
+        if config.time == BoardTime::Real {
+            return None;
+        }
+        let ends = Arc::new(AtomicBool::new(false));
+        let (board, its_end) = (Arc::clone(board), Arc::clone(&ends));
+        let turns = std::thread::spawn(move || {
+            while !its_end.load(Ordering::Relaxed) {
+                board.advance(Micros(board.now().0 + TURN_US));
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        });
+        Some(Self {
+            ends,
+            turns: Some(turns),
+        })
+    }
+}
+
+impl Drop for Clock {
+    fn drop(&mut self) {
+        self.ends.store(true, Ordering::Relaxed);
+        if let Some(turns) = self.turns.take() {
+            let _ = turns.join();
+        }
+    }
+}
+
 impl Rig for VirtualRig {
     fn name(&self) -> &'static str {
         "virtual"
@@ -84,6 +145,17 @@ impl Rig for VirtualRig {
 
     fn slowness(&self) -> u32 {
         1
+    }
+
+    fn time(&mut self) -> Duration {
+        match self.clock {
+            Some(_) => self.passed + Duration::from_micros(self.board().now().0),
+            None => super::BEGUN.elapsed(),
+        }
+    }
+
+    fn has_own_time(&self) -> bool {
+        self.clock.is_some()
     }
 
     fn connect(&mut self) -> Box<dyn Transport> {
@@ -138,8 +210,13 @@ impl Rig for VirtualRig {
     }
 
     fn power_cycle(&mut self) {
+        self.passed = self.time();
+        // It holds the board, too.
+        self.clock = None;
         self.board = None;
         let board = VirtualBoard::start(self.config.clone()).expect("it has started before");
+        let board = Arc::new(board);
+        self.clock = Clock::of(&self.config, &board);
         self.board = Some(board);
         (self.skips, self.triggers) = (0, 0);
         // Its counters begin again.

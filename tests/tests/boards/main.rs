@@ -8,5 +8,6 @@ mod owner;
 mod pico;
 mod point_sensor;
 mod qemu;
+mod soak;
 mod speeds;
 mod virtual_board;
