@@ -23,6 +23,8 @@
 //!
 //! An image is as trusted as the flash of the key that it is verified by.
 
+pub mod boot_rom;
+
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha512};
 use umi_protocol::update::{
@@ -138,6 +140,8 @@ pub struct Slots<F: Flash> {
     receiving: Option<Receiving>,
     running: Option<(ImagePlace, ImageHeader)>,
     on_trial: bool,
+    /// Whatever else has to know that an image is confirmed.
+    buy: fn() -> Result<(), UpdateError>,
 }
 
 const fn place(slot: bool) -> ImagePlace {
@@ -211,6 +215,7 @@ impl<F: Flash> Slots<F> {
             receiving: None,
             running: None,
             on_trial: false,
+            buy: || Ok(()),
         }
     }
 
@@ -403,6 +408,14 @@ impl<F: Flash> Slots<F> {
     /// # Errors
     /// [`UpdateError::Flash`]: the next start goes back.
     pub fn confirm(&mut self) -> Result<Option<(ImageVersion, ImageVersion)>, UpdateError> {
+        if self.on_trial {
+            (self.buy)()?;
+        }
+        self.keep_confirmed()
+    }
+
+    /// The image on trial counts from now on. The version before.
+    fn keep_confirmed(&mut self) -> Result<Option<(ImageVersion, ImageVersion)>, UpdateError> {
         let (Some((slot, true)), Some((_, header))) = (self.kept.trial, self.running.clone())
         else {
             return Ok(None);

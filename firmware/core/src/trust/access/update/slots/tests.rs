@@ -54,18 +54,29 @@ impl Areas {
     }
 }
 
-fn maker() -> SigningKey {
+pub(super) fn maker() -> SigningKey {
     SigningKey::from_bytes(&[5; 32])
 }
 
 /// An image of so many bytes, signed by this key.
 fn image(by: &SigningKey, board: &str, version: ImageVersion, counter: u32, len: usize) -> Vec<u8> {
-    let payload: Vec<u8> = (0..len).map(|n| (n * 7 + len) as u8).collect();
+    let payload = (0..len).map(|n| (n * 7 + len) as u8).collect();
+    signed(by, board, version, counter, payload)
+}
+
+/// A payload, signed.
+pub(super) fn signed(
+    by: &SigningKey,
+    board: &str,
+    version: ImageVersion,
+    counter: u32,
+    payload: Vec<u8>,
+) -> Vec<u8> {
     let header = ImageHeader {
         board: name(board),
         version,
         counter,
-        length: len as u32,
+        length: payload.len() as u32,
         sha512: Sha512::digest(&payload).into(),
         key_id: key_id(&by.verifying_key().to_bytes()),
     };
@@ -82,7 +93,10 @@ fn good(version: u16, counter: u32, len: usize) -> Vec<u8> {
 }
 
 /// Sends an image to its end.
-fn send<F: Flash>(slots: &mut Slots<F>, image: &[u8]) -> Result<ImageVersion, UpdateError> {
+pub(super) fn send<F: Flash>(
+    slots: &mut Slots<F>,
+    image: &[u8],
+) -> Result<ImageVersion, UpdateError> {
     let (header, payload) = image.split_first_chunk().unwrap();
     let mut at = slots.begin(header)? as usize;
     while at < payload.len() {
@@ -98,7 +112,7 @@ fn end<F: Flash>(slots: &mut Slots<F>) -> Result<ImageVersion, UpdateError> {
     Ok(version)
 }
 
-fn refused(result: Result<ImageVersion, UpdateError>) -> UpdateRefusal {
+pub(super) fn refused(result: Result<ImageVersion, UpdateError>) -> UpdateRefusal {
     match result {
         Err(UpdateError::Refused(refusal)) => refusal,
         other => panic!("{other:?}"),
@@ -378,7 +392,7 @@ fn without_a_state_that_is_written_no_trial_begins() {
 
 /// What can happen to an operation: torn at any of its ends, in a word that still reads as erased, in
 /// a page in no order, or done and not told.
-fn ways(op: &Op) -> Vec<Cut> {
+pub(super) fn ways(op: &Op) -> Vec<Cut> {
     match op {
         Op::Erase { .. } => ERASE_CUTS.to_vec(),
         Op::Program { len, .. } => {
