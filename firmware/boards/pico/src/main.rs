@@ -27,6 +27,7 @@
 //! | [`storage`] | journal, evidence, settings and part programs |
 //! | [`storage::owner`] | the board's key, the keys of people, the jumper |
 //! | `storage::images`, `storage::updates` | signed images, where a boot loader starts them (bin/boot.rs) |
+//! | `storage::ab_images` | the same where the boot ROM of a Pico 2 starts them |
 //! | [`safety::guard`], [`safety::crash_note`], [`lights`], [`time::clock`], [`time::alarms`] | watchdog, panics, outputs, time |
 //!
 //! # Limitations
@@ -159,9 +160,14 @@ fn boot() -> Parts {
     pins::mux::connect();
     // Before anything that cannot wait: its flash is the one that all code is fetched from.
     #[cfg(feature = "update")]
-    let mut image = updates::resume(&chip.FLASH);
+    let Some(mut image) = updates::resume(&chip.FLASH) else {
+        stop(
+            &mut light,
+            "this image is older than what counts, or not the maker's",
+        );
+    };
     #[cfg(feature = "update")]
-    let (digest, version) = (image.digest, image.version);
+    let (digest, version, reset) = (image.digest, image.version, image.reason(reset));
     #[cfg(not(feature = "update"))]
     let (digest, version) = ([0; 32], None);
     let signer = owner::signer(ChipFlash::new(chip.FLASH, KEY), digest);

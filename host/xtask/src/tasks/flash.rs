@@ -127,7 +127,7 @@ fn plan(workspace: &Workspace, board: &Board, ways: &Ways, run: bool) -> Result<
             image("elf").display()
         ),
         Flashing::Signed => bail!(
-            "{} is a part of a signed Pico: `cargo xtask firmware --sign KEY` makes the whole",
+            "{} is a part of a signed Pico: `cargo xtask firmware pico --sign KEY`, or pico2, makes the whole",
             board.name
         ),
         Flashing::Probe { chip } => (chip, None),

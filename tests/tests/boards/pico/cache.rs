@@ -1,7 +1,7 @@
 //! The cache of the flash that the Pico's code runs from, at the load that is hardest for it: four
 //! axes at a million counts a second, triggers at 10 kHz, and a line that is full.
 //!
-//! What the highest interrupts run is in RAM (`firmware/boards/pico/ram-code.x`): from the flash they
+//! What the highest interrupts run is in RAM (`firmware/boards/pico/link/ram-code.x`): from the flash they
 //! took 102 us, a byte waited for 100, and three of 2400 were lost.
 
 use serde_json::json;

@@ -31,7 +31,7 @@ struct Ring([AtomicU32; SLOTS]);
 
 const _: () = assert!(align_of::<Ring>() == RING_BYTES && size_of::<Ring>() == RING_BYTES);
 
-/// Atomic, because the DMA writes them while we read. Not zeroed with the other variables (ram-code.x)
+/// Atomic, because the DMA writes them while we read. Not zeroed with the other variables (link/ram-code.x)
 /// but by [`clear`].
 static MEMORY: [Ring; RINGS] = [const { Ring([const { AtomicU32::new(0) }; SLOTS]) }; RINGS];
 

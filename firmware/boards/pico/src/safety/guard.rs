@@ -134,6 +134,12 @@ pub fn watch(watchdog: &mut Watchdog) {
     select_stages();
 }
 
+/// The counter runs on: the boot ROM stops it where it is told that an image is confirmed.
+#[cfg(feature = "slot-ab")]
+pub fn watch_on() {
+    pac::WATCHDOG.ctrl().modify(|w| w.set_enable(true));
+}
+
 /// The watchdog's second part, and the light that shows that it is fed.
 pub struct Dog {
     light: Output<'static>,

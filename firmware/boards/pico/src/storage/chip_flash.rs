@@ -10,7 +10,7 @@
 //! 101F C000   16 KB  the board's own key
 //! ```
 //!
-//! Without a boot loader one image has all but the last part. While a part is written nothing can be fetched from this flash, so the
+//! Without a boot loader one image has all but the last part. Those of a Pico 2 stand elsewhere (`ab_images.rs`). While a part is written nothing can be fetched from this flash, so the
 //! boot ROM's functions are called from RAM without interrupts: 45 ms for a sector that is erased, 0.4 ms for
 //! a page. The key is written once at each start, before anything else runs; an image comes while no clamping
 //! is under way and no axis moves.
@@ -24,6 +24,10 @@ use embassy_rp::Peri;
 use embassy_rp::flash::{Blocking, Error, Flash as Driver};
 use embassy_rp::peripherals::FLASH;
 use umi_core::journal::{Flash, Geometry};
+#[cfg(any(feature = "update", feature = "boot"))]
+use umi_core::trust::access::update::slots::Maker;
+#[cfg(feature = "slot-ab")]
+use umi_core::trust::access::update::slots::boot_rom;
 
 /// All of the chip's flash.
 #[cfg(not(feature = "rp2350"))]
@@ -34,7 +38,7 @@ const CHIP_BYTES: usize = 4 * 1024 * 1024;
 /// What is erased at once.
 pub const SECTOR_BYTES: u32 = 4096;
 
-/// The board's key: what the linker keeps free, flash-*.x.
+/// The board's key: what the linker keeps free, link/flash-*.x.
 pub const KEY: FlashPlace = FlashPlace {
     from: CHIP_BYTES as u32 - 4 * SECTOR_BYTES,
     sectors: 4,
@@ -49,10 +53,45 @@ pub struct FlashPlace {
     pub sectors: u16,
 }
 
+#[cfg(any(feature = "update", feature = "boot"))]
+impl FlashPlace {
+    /// Where it ends.
+    pub const fn end(self) -> u32 {
+        self.from + self.sectors as u32 * SECTOR_BYTES
+    }
+}
+
+/// The key of who makes images, which stands at this address; erased: nothing is taken.
+#[cfg(any(feature = "update", feature = "boot"))]
+pub fn maker(address: u32) -> Maker {
+    let mut key = [0; 32];
+    for (byte, at) in key.iter_mut().zip(address as usize..) {
+        // SAFETY: the address is one of the flash, which is there.
+        *byte = unsafe { core::ptr::with_exposed_provenance::<u8>(at).read_volatile() };
+    }
+    match key.iter().all(|byte| *byte == 0xFF) {
+        true => Maker::First(None),
+        false => Maker::Fixed(key),
+    }
+}
+
+/// Reads flash by its own address, whatever of it the boot ROM shows, and beside the cache (RP2350 data sheet, 4.4.1).
+#[cfg(feature = "slot-ab")]
+fn read_unshown(from: u32, into: &mut [u8]) {
+    const UNSHOWN: u32 = 0x1C00_0000;
+
+    let from = core::ptr::with_exposed_provenance::<u8>((UNSHOWN + from) as usize);
+    // SAFETY: the caller has held it against its place, which is of the flash; nobody writes there meanwhile.
+    into.copy_from_slice(unsafe { core::slice::from_raw_parts(from, into.len()) });
+}
+
 /// Sectors of the chip's flash.
 pub struct ChipFlash {
     driver: Driver<'static, FLASH, Blocking, CHIP_BYTES>,
     place: FlashPlace,
+    /// The mark of a trial reads as it was signed.
+    #[cfg(feature = "slot-ab")]
+    as_signed: bool,
 }
 
 impl ChipFlash {
@@ -61,6 +100,17 @@ impl ChipFlash {
         Self {
             driver: Driver::new_blocking(flash),
             place,
+            #[cfg(feature = "slot-ab")]
+            as_signed: false,
+        }
+    }
+
+    /// An image that the boot ROM starts, whose mark of a trial reads as it was signed.
+    #[cfg(feature = "slot-ab")]
+    pub fn reads_as_signed(self) -> Self {
+        Self {
+            as_signed: true,
+            ..self
         }
     }
 
@@ -94,7 +144,16 @@ impl Flash for ChipFlash {
 
     fn read(&mut self, addr: u32, into: &mut [u8]) -> Result<(), Error> {
         self.holds(addr, into.len())?;
-        self.driver.blocking_read(self.at(addr), into)
+        #[cfg(not(feature = "slot-ab"))]
+        self.driver.blocking_read(self.at(addr), into)?;
+        #[cfg(feature = "slot-ab")]
+        {
+            read_unshown(self.at(addr), into);
+            if self.as_signed {
+                boot_rom::as_signed(addr, into);
+            }
+        }
+        Ok(())
     }
 
     fn program(&mut self, addr: u32, bytes: &[u8]) -> Result<(), Error> {

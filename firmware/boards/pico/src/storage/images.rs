@@ -9,12 +9,7 @@ use umi_core::journal::Flash;
 use umi_core::trust::access::update::slots::{ImageKind, Maker, Slots, UpdateError};
 use umi_protocol::update::{ImagePlace, ImageVersion};
 
-use super::chip_flash::{ChipFlash, FlashPlace, KEY, SECTOR_BYTES};
-
-/// Where a place ends.
-const fn end(place: FlashPlace) -> u32 {
-    place.from + place.sectors as u32 * SECTOR_BYTES
-}
+use super::chip_flash::{self, ChipFlash, FlashPlace, KEY, SECTOR_BYTES};
 
 /// The boot loader.
 const LOADER: FlashPlace = FlashPlace {
@@ -23,21 +18,21 @@ const LOADER: FlashPlace = FlashPlace {
 };
 /// Which image counts.
 const STATE: FlashPlace = FlashPlace {
-    from: end(LOADER),
+    from: LOADER.end(),
     sectors: 4,
 };
-/// The images, each with its header: flash-slot-a.x and flash-slot-b.x.
+/// The images, each with its header: link/flash-slot-a.x and link/flash-slot-b.x.
 const IMAGES: [FlashPlace; 2] = [
     FlashPlace {
-        from: end(STATE),
+        from: STATE.end(),
         sectors: 244,
     },
     FlashPlace {
-        from: end(STATE) + 244 * SECTOR_BYTES,
+        from: STATE.end() + 244 * SECTOR_BYTES,
         sectors: 244,
     },
 ];
-const _: () = assert!(end(IMAGES[1]) == KEY.from && end(KEY) == 2 * 1024 * 1024);
+const _: () = assert!(IMAGES[1].end() == KEY.from && KEY.end() == 2 * 1024 * 1024);
 
 /// Nothing is built in; an image runs where it is linked for.
 const KIND: ImageKind = ImageKind {
@@ -45,18 +40,9 @@ const KIND: ImageKind = ImageKind {
     built_in: None,
 };
 
-/// The key of who makes images, which stands in the boot loader's last bytes; none: nothing is taken.
+/// The key of who makes images, which stands in the boot loader's last bytes.
 fn maker() -> Maker {
-    let mut key = [0; 32];
-    let from = (FLASH_BASE.addr() as u32 + end(LOADER)) as usize - key.len();
-    for (byte, at) in key.iter_mut().zip(from..) {
-        // SAFETY: the address is one of the flash, which is there.
-        *byte = unsafe { core::ptr::with_exposed_provenance::<u8>(at).read_volatile() };
-    }
-    match key.iter().all(|byte| *byte == 0xFF) {
-        true => Maker::First(None),
-        false => Maker::Fixed(key),
-    }
+    chip_flash::maker(FLASH_BASE.addr() as u32 + LOADER.end() - 32)
 }
 
 /// The flash of an area. Whoever has several uses one at a time.
@@ -85,7 +71,7 @@ pub fn vectors(place: ImagePlace) -> Option<u32> {
 }
 
 /// From the start of an image's place to its vectors, whose table wants an address that is a multiple of 256:
-/// the header, and bytes of the payload that nothing runs (flash-slot-a.x).
+/// the header, and bytes of the payload that nothing runs (link/flash-slot-a.x).
 const VECTORS: u32 = 256;
 
 /// Opens the images, each area as flash of this kind.

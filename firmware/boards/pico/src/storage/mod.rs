@@ -8,9 +8,11 @@
 //! anything else runs, and signed images, which come while nothing is measured ([`chip_flash`]). The other one hangs on SPI 0 and may be as busy as it
 //! likes: who waits for it is the task of the lowest priority.
 
+#[cfg(feature = "slot-ab")]
+mod ab_images;
 pub mod chip_flash;
 mod flash_line;
-#[cfg(feature = "update")]
+#[cfg(all(feature = "update", not(feature = "slot-ab")))]
 mod images;
 pub mod noise;
 pub mod owner;
@@ -27,7 +29,11 @@ use embassy_time::Delay;
 use embedded_hal_bus::spi::{DeviceError, ExclusiveDevice};
 use static_cell::StaticCell;
 use umi_core::journal::{Flash, Geometry};
+#[cfg(feature = "update")]
+use umi_core::trust::access::update::slots::Slots;
 use umi_drivers::spi_nor::{self, FlashFault, SectorSize, SpiNor, Wanted};
+#[cfg(feature = "update")]
+use umi_protocol::update::ImageVersion;
 
 use crate::storage::flash_line::FlashLine;
 
@@ -80,6 +86,15 @@ pub enum Part {
     /// An area of the other flash.
     #[cfg(feature = "update")]
     Chip(chip_flash::ChipFlash),
+}
+
+/// Signed images, as this start has found them.
+#[cfg(feature = "update")]
+struct FoundImages {
+    /// None: they cannot be read, and none is taken.
+    slots: Option<Slots<Part>>,
+    /// The version of one whose trial was given up.
+    reverted: Option<ImageVersion>,
 }
 
 /// What is there after the start.

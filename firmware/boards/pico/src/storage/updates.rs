@@ -2,10 +2,10 @@
 //!
 //! # Design
 //!
-//! The boot loader has verified this image and started it. It opens the images as that has, takes the next
-//! into the other place, and, on trial, confirms itself when it has worked for [`TRIAL`]: measuring answers,
-//! the journal keeps entries, the watchdog is fed. One that has not by [`PATIENCE`] resets the board, and the
-//! boot loader goes back.
+//! The boot loader has verified this image and started it; on a Pico 2 it is the chip's boot ROM. It opens the images as
+//! that has, takes the next into the other place, and, on trial, confirms itself when it has worked for [`TRIAL`]: measuring
+//! answers, the journal keeps entries, the watchdog is fed. One that has not by [`PATIENCE`] resets the board, and the
+//! one before starts again.
 
 use embassy_rp::Peri;
 use embassy_rp::peripherals::FLASH;
@@ -13,9 +13,16 @@ use embassy_time::{Duration, Instant, Timer};
 use umi_app::App;
 use umi_core::trust::access::update::slots::Slots;
 use umi_core::units::Micros;
-use umi_protocol::update::{ImagePlace, ImageVersion};
+use umi_protocol::message::ResetReason;
+#[cfg(not(feature = "slot-ab"))]
+use umi_protocol::update::ImagePlace;
+use umi_protocol::update::ImageVersion;
 
-use super::{Part, images};
+#[cfg(feature = "slot-ab")]
+use super::ab_images::take_over;
+#[cfg(not(feature = "slot-ab"))]
+use super::images;
+use super::{FoundImages, Part};
 use crate::safety::guard;
 use crate::time::clock::BoardClock;
 
@@ -27,6 +34,7 @@ const TURN: Duration = Duration::from_secs(1);
 const PATIENCE: Duration = Duration::from_secs(30);
 
 /// Where this image is linked for.
+#[cfg(not(feature = "slot-ab"))]
 const PLACE: ImagePlace = if cfg!(feature = "slot-a") {
     ImagePlace::A
 } else {
@@ -45,24 +53,46 @@ pub struct RunningImage {
     reverted: Option<ImageVersion>,
 }
 
-/// Opens the images and finds itself among them: before anything that cannot wait.
-pub fn resume(flash: &Peri<'static, FLASH>) -> RunningImage {
+/// The images as the boot loader has left them.
+#[cfg(not(feature = "slot-ab"))]
+fn take_over(flash: &Peri<'static, FLASH>) -> Option<FoundImages> {
     let reverted = images::take_reverted();
     let opened = images::open(flash, Part::Chip);
     let slots = opened.and_then(|mut slots| slots.resume(PLACE).map(|()| slots));
-    if slots.is_err() {
+    Some(FoundImages {
+        slots: slots.ok(),
+        reverted,
+    })
+}
+
+/// Opens the images and finds itself among them: before anything that cannot wait. None: this image may not run.
+pub fn resume(flash: &Peri<'static, FLASH>) -> Option<RunningImage> {
+    let FoundImages {
+        mut slots,
+        reverted,
+    } = take_over(flash)?;
+    if slots.is_none() {
         defmt::error!("the images cannot be read: none is taken");
     }
-    let mut slots = slots.ok();
-    RunningImage {
+    Some(RunningImage {
         version: slots.as_mut().map(|slots| slots.info().version),
         digest: slots.as_ref().and_then(Slots::digest).unwrap_or_default(),
         slots,
         reverted,
-    }
+    })
 }
 
 impl RunningImage {
+    /// Why the board started: the boot ROM restarts by the watchdog what it was asked to try.
+    pub fn reason(&self, seen: ResetReason) -> ResetReason {
+        let is_tried = self.slots.as_ref().is_some_and(|of| of.trial().is_some());
+        let is_asked = cfg!(feature = "slot-ab") && is_tried;
+        match seen {
+            ResetReason::Watchdog if is_asked => ResetReason::Software,
+            seen => seen,
+        }
+    }
+
     /// Lets the application take images: before its start.
     pub fn enter(&mut self, app: &App<Part>) {
         if let Some(slots) = self.slots.take() {

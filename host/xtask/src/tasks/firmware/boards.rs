@@ -119,6 +119,16 @@ pub const BOARDS: &[Board] = &[
         },
         only: None,
     },
+    // What `cargo xtask firmware pico2 --sign` makes a file for the drive of.
+    Board {
+        name: "pico2-ab",
+        package: "umi-pico",
+        features: Some("rp2350,slot-ab"),
+        target: "thumbv8m.main-none-eabihf",
+        cpu: None,
+        flashing: Flashing::Signed,
+        only: Some("umi-pico"),
+    },
     Board {
         name: "nucleo-h743",
         package: "umi-nucleo-h743",
@@ -213,6 +223,7 @@ mod tests {
                 "pico-a",
                 "pico-b",
                 "pico2",
+                "pico2-ab",
                 "nucleo-h743"
             ]
         );
@@ -243,6 +254,6 @@ mod tests {
             ]
         );
         assert!(select_images(&["selftest-pico3".into()]).is_err());
-        assert_eq!(select_images(&[]).unwrap().len(), 7);
+        assert_eq!(select_images(&[]).unwrap().len(), 8);
     }
 }

@@ -10,6 +10,7 @@ mod dependencies;
 pub mod pin;
 pub mod reproduce;
 pub mod sbom;
+mod sealed;
 mod signed;
 pub mod toolchain;
 pub mod uf2;
@@ -18,7 +19,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Context as _, Result, ensure};
+use anyhow::{Context as _, Result, bail, ensure};
 use imagecheck::load;
 
 use self::boards::{Board, Flashing, Wanted};
@@ -35,7 +36,7 @@ use crate::workspace::{Workspace, execute};
 /// target/firmware/debian.
 #[derive(clap::Args, Default)]
 #[command(
-    after_help = "Examples:\n  cargo xtask firmware                # every board\n  cargo xtask firmware pico nucleo-h743   # these\n  cargo xtask firmware --sign fw          # a Pico that takes only what the key `fw` has signed\n  cargo xtask firmware selftest-pico      # the image that tests a Pico, and how it gets there"
+    after_help = "Examples:\n  cargo xtask firmware                # every board\n  cargo xtask firmware pico nucleo-h743   # these\n  cargo xtask firmware --sign fw          # a Pico that takes only what the key `fw` has signed\n  cargo xtask firmware pico2 --sign fw    # the same for a Pico 2, whose boot ROM does the rest\n  cargo xtask firmware selftest-pico      # the image that tests a Pico, and how it gets there"
 )]
 pub(crate) struct Arguments {
     /// The boards, or `selftest-` and a board for its self-test alone; all boards if none is
@@ -46,7 +47,8 @@ pub(crate) struct Arguments {
     toolchain: Option<Toolchain>,
     /// Builds the Pico with its boot loader, and signs its images by this secret key (`umi key new`):
     /// pico-signed.uf2 for a new board, pico-a.umif and pico-b.umif for `umi update`. The key beside it,
-    /// KEY.pub, goes into the boot loader.
+    /// KEY.pub, goes into the boot loader. The Pico 2, where it is named: pico2-signed.uf2 and pico2.umif, sealed for
+    /// its boot ROM by KEY.boot.pem, which is made where there is none; pico2-otp.json for the fuses, which nothing burns.
     #[arg(long, value_name = "KEY")]
     sign: Option<PathBuf>,
     /// The security counter of signed images: raise it where what came before must never run again.
@@ -69,11 +71,13 @@ pub(crate) struct Image {
 /// Builds what the arguments name.
 pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
     if let Some(key) = &arguments.sign {
-        ensure!(
-            arguments.boards.iter().all(|board| board == "pico"),
-            "only the Pico has a boot loader that takes signed images"
-        );
-        return signed::run(workspace, key, arguments.counter, arguments.toolchain);
+        let sign = match &arguments.boards[..] {
+            [] => signed::run,
+            [board] if board == "pico" => signed::run,
+            [board] if board == "pico2" => sealed::run,
+            _ => bail!("signed images are for one board, which is `pico` or `pico2`"),
+        };
+        return sign(workspace, key, arguments.counter, arguments.toolchain);
     }
     let wanted = boards::select_images(&arguments.boards)?;
     let images = build_images(workspace, &wanted, arguments.toolchain)?.images;

@@ -87,7 +87,7 @@ pub fn run(
 }
 
 /// The public key beside a secret one: `umi key new` writes both.
-fn public_key(workspace: &Workspace, secret: &Path) -> Result<[u8; 32]> {
+pub(super) fn public_key(workspace: &Workspace, secret: &Path) -> Result<[u8; 32]> {
     let mut name = std::path::absolute(secret)?.into_os_string();
     name.push(".pub");
     let shown = output(umi(workspace).args(["key", "show", "--json"]).arg(&name))?;
@@ -130,7 +130,7 @@ fn payload(elf: &[u8], place: u32) -> Result<Vec<u8>> {
 }
 
 /// Writes a payload as a signed image.
-fn sign(
+pub(super) fn sign(
     workspace: &Workspace,
     payload: &Path,
     board: &str,
@@ -168,17 +168,17 @@ fn new_board(loader: &[u8], public: [u8; 32], image: &[u8]) -> Result<Vec<u8>> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
     const BOARD: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../firmware/boards/pico/");
 
-    fn text(file: &str) -> String {
+    pub(in crate::tasks::firmware) fn text(file: &str) -> String {
         fs::read_to_string(Path::new(BOARD).join(file)).unwrap()
     }
 
     /// A number as linker scripts and these sources write it: `0x100`, `976K`, `2_048`.
-    fn number(text: &str) -> u32 {
+    pub(in crate::tasks::firmware) fn number(text: &str) -> u32 {
         let digits = text.trim().replace('_', "");
         let (digits, unit) = match digits.strip_suffix('K') {
             Some(digits) => (digits, 1024),
@@ -192,7 +192,7 @@ mod tests {
     }
 
     /// Where a linker script puts a memory: from, length.
-    fn memory(file: &str, name: &str) -> (u32, u32) {
+    pub(in crate::tasks::firmware) fn memory(file: &str, name: &str) -> (u32, u32) {
         let script = text(file);
         let start = format!("{name} : ORIGIN = ");
         let line = script.split_once(&start).unwrap().1.lines().next().unwrap();
@@ -204,7 +204,7 @@ mod tests {
     }
 
     /// The sectors of the places in the firmware's source, in the order in which it names them.
-    fn sectors(file: &str) -> Vec<u32> {
+    pub(in crate::tasks::firmware) fn sectors(file: &str) -> Vec<u32> {
         let source = text(file);
         let lines = source.lines().map(str::trim);
         let sectors = lines.filter_map(|line| line.strip_prefix("sectors: ")?.strip_suffix(','));
@@ -238,18 +238,18 @@ mod tests {
 
         // For the linker: a boot loader that leaves the key alone, images behind their headers, and nobody in the
         // place of the board's key.
-        let boot2 = memory("flash-boot.x", "BOOT2");
-        let (from, length) = memory("flash-boot.x", "FLASH");
+        let boot2 = memory("link/flash-boot.x", "BOOT2");
+        let (from, length) = memory("link/flash-boot.x", "FLASH");
         assert_eq!((boot2.0, from + length), (FLASH, KEY));
         for (file, place, sectors) in [
-            ("flash-slot-a.x", PLACES[0], a),
-            ("flash-slot-b.x", PLACES[1], b),
+            ("link/flash-slot-a.x", PLACES[0], a),
+            ("link/flash-slot-b.x", PLACES[1], b),
         ] {
             let (from, length) = memory(file, "FLASH");
             assert_eq!(from, place + BEFORE_CODE, "{file}");
             assert_eq!(from + length, place + sectors * sector, "{file}");
         }
-        let (from, length) = memory("flash-rp2040.x", "FLASH");
+        let (from, length) = memory("link/flash-rp2040.x", "FLASH");
         assert_eq!(from + length, end);
         assert!(
             text("src/storage/images.rs").contains(&format!("const VECTORS: u32 = {BEFORE_CODE};"))

@@ -16,6 +16,8 @@ pub(crate) enum Family {
     Rp2040,
     /// The RP2350's Arm cores.
     Rp2350,
+    /// An RP2350, whatever partitions it has: each part goes to its address.
+    Absolute,
 }
 
 impl Family {
@@ -24,6 +26,7 @@ impl Family {
         match self {
             Self::Rp2040 => 0xE48B_FF56,
             Self::Rp2350 => 0xE48B_FF59,
+            Self::Absolute => 0xE48B_FF57,
         }
     }
 
@@ -31,7 +34,7 @@ impl Family {
     pub fn board_id(self) -> &'static str {
         match self {
             Self::Rp2040 => "RPI-RP2",
-            Self::Rp2350 => "RP2350",
+            Self::Rp2350 | Self::Absolute => "RP2350",
         }
     }
 }

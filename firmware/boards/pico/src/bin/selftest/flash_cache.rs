@@ -27,7 +27,7 @@ pub struct Seen {
     pub longer_us: u32,
 }
 
-/// Reads the lines twice. It runs from RAM (`ram-code.x`), with all interrupts off for 0.3 ms: so
+/// Reads the lines twice. It runs from RAM (`link/ram-code.x`), with all interrupts off for 0.3 ms: so
 /// nothing else is fetched.
 #[inline(never)]
 pub fn measure() -> Seen {
