@@ -111,7 +111,11 @@ impl LocaliseTask<'_> {
         };
         let more = best.on.len().saturating_sub(before.len());
         let is_more = more as f64 > least;
-        if !is_more && (best.noise_mm > sigma || best.on.len() < before.len()) {
+        let is_worse = best.noise_mm > sigma || best.on.len() < before.len();
+        // Of what both explain, more points say more; where they say the same, at once.
+        let agrees = |u: f64, scale: f64| (scale - six.scale).abs() <= 3.0 * u;
+        let is_same = six.u_scale.is_finite() && agrees(six.u_scale, best.scale);
+        if !is_more && (is_worse || is_same) {
             return (six, None);
         }
         let shrunk = shrunk(&points, &six.about_mm, best.scale);
@@ -127,8 +131,7 @@ impl LocaliseTask<'_> {
         // What was made smaller by s, and is s' too large then, is too large by both.
         let scale = best.scale * seven.scale;
         let u_scale = seven.u_scale;
-        // Of what both explain, more points say more.
-        if !is_more && (scale - six.scale).abs() <= 3.0 * u_scale {
+        if !is_more && agrees(u_scale, scale) {
             return (six, None);
         }
         let sized = Certainty {
