@@ -102,7 +102,8 @@ pub struct MockFlash {
     pub worn: Vec<u32>,
     /// The next program does its work and reports a failure.
     pub fail_next_program: bool,
-    /// A torn word reads as zeros, as behind an error correction that gave up.
+    /// What a cut has left of a word reads as zeros, unless it looks erased or as it was: as behind an error
+    /// correction that gave up.
     pub torn_reads_zero: bool,
     cut: Cell<Option<(usize, Cut, u64)>>,
     powered: bool,
@@ -252,6 +253,7 @@ impl MockFlash {
     fn erase_cut(&mut self, sector: usize, cut: Cut) {
         let size = self.geometry.sector_size as usize;
         let start = sector * size;
+        let before = self.data[start..start + size].to_vec();
         let part = self.random.below(size as u64) as usize;
         for i in 0..size {
             let mask = match cut {
@@ -267,6 +269,15 @@ impl MockFlash {
                 _ => 0,
             };
             self.data[start + i] |= mask;
+        }
+        if self.torn_reads_zero {
+            let word = self.geometry.write_size as usize;
+            let now = self.data[start..start + size].chunks_mut(word);
+            for (now, before) in now.zip(before.chunks(word)) {
+                if now != before && now.iter().any(|byte| *byte != ERASED) {
+                    now.fill(0);
+                }
+            }
         }
         let state = if cut == Cut::EraseDone {
             Word::Erased

@@ -5,7 +5,8 @@
 //! Both stand in a small [`Journal`] of their own, in flash that no request reads: an entry for
 //! each start, with the key's seed and the count of starts up to it. So a start that is cut
 //! leaves the one before, and a key is there whole or not at all. The first start of a new board
-//! draws the seed.
+//! draws the seed, and keeps it twice: what is torn of a single entry was never a key, and a key of
+//! which one entry is damaged later is there all the same.
 //!
 //! The signatures are Ed25519 (RFC 8032), by the crate `ed25519-dalek`.
 //!
@@ -20,7 +21,7 @@ use ed25519_dalek::{Signature, Signer as _, SigningKey, VerifyingKey};
 use sha2::{Digest as _, Sha256};
 use umi_protocol::head::Head;
 
-use crate::journal::{Flash, Journal, JournalError};
+use crate::journal::{Flash, Journal, JournalError, OVERHEAD, Recovery};
 use crate::units::Micros;
 
 /// Bytes of a seed.
@@ -49,6 +50,7 @@ impl BoardKey {
         flash: F,
         draw: impl FnOnce(&mut [u8; SEED]) -> Result<(), NoEntropy>,
     ) -> Result<Self, KeyError<F::Error>> {
+        let word = flash.geometry().write_size as usize;
         let (mut journal, recovery) = Journal::open(flash).map_err(KeyError::Flash)?;
         let mut payload = [0; PAYLOAD];
         let (seed, boot) = match journal.next_seq().checked_sub(1) {
@@ -62,7 +64,7 @@ impl BoardKey {
                 split(&payload)
             }
             // Something was there: another key in its place would hide that.
-            None if !recovery.is_clean() => return Err(KeyError::Damaged),
+            None if !is_new(&recovery, word) => return Err(KeyError::Damaged),
             None => {
                 let mut seed = [0; SEED];
                 draw(&mut seed).map_err(|NoEntropy| KeyError::NoEntropy)?;
@@ -73,11 +75,14 @@ impl BoardKey {
         if seed.iter().all(|byte| Some(byte) == seed.first()) {
             return Err(KeyError::NoEntropy);
         }
+        let times = if boot == 0 { 2 } else { 1 };
         let boot = boot.saturating_add(1);
         let payload = joined(&seed, boot);
-        journal
-            .append(KIND, Micros(0), &payload)
-            .map_err(KeyError::Flash)?;
+        for _ in 0..times {
+            journal
+                .append(KIND, Micros(0), &payload)
+                .map_err(KeyError::Flash)?;
+        }
         let signing = SigningKey::from_bytes(&seed);
         Ok(Self { signing, boot })
     }
@@ -109,6 +114,17 @@ impl fmt::Debug for BoardKey {
             .field("boot", &self.boot)
             .finish_non_exhaustive()
     }
+}
+
+/// Whether nothing was kept here yet, but for one entry at most that a power cut tore: the first of two.
+fn is_new(recovery: &Recovery, word: usize) -> bool {
+    let entry = (OVERHEAD + PAYLOAD).next_multiple_of(word);
+    let torn_bytes = 0;
+    let whole = Recovery {
+        torn_bytes,
+        ..*recovery
+    };
+    whole.is_clean() && recovery.torn_bytes as usize <= entry
 }
 
 fn split(payload: &[u8; PAYLOAD]) -> ([u8; SEED], u32) {
@@ -173,7 +189,8 @@ pub enum KeyError<E> {
 mod tests {
     use super::*;
     use crate::journal::Geometry;
-    use crate::journal::mock::MockFlash;
+    use crate::journal::mock::{Cut, ERASE_CUTS, MockFlash, Op};
+    use std::vec::Vec;
     use umi_protocol::job::name;
 
     const GEOMETRY: Geometry = Geometry {
@@ -181,6 +198,14 @@ mod tests {
         sector_size: 4096,
         write_size: 1,
         page_size: 256,
+    };
+
+    /// As in an STM32H743's own flash: words of 32 bytes, of which a torn one reads as zeros.
+    const WITH_ECC: Geometry = Geometry {
+        sectors: 2,
+        sector_size: 1024,
+        write_size: 32,
+        page_size: 32,
     };
 
     fn seed(of: u8) -> impl FnOnce(&mut [u8; SEED]) -> Result<(), NoEntropy> {
@@ -272,7 +297,7 @@ mod tests {
         assert_eq!(key.sign(&[0x72]).concat(), hex(expected));
     }
 
-    /// A source that does not work makes no key, and none is put in place of a damaged one.
+    /// A source that does not work makes no key.
     #[test]
     fn no_key_is_better_than_a_bad_one() {
         for constant in [0, 0xFF] {
@@ -284,12 +309,87 @@ mod tests {
         }
         let broken = BoardKey::open(MockFlash::new(GEOMETRY), |_| Err(NoEntropy));
         assert_eq!(broken.unwrap_err(), KeyError::NoEntropy);
+    }
 
-        let mut flash = MockFlash::new(GEOMETRY);
-        BoardKey::open(&mut flash, seed(1)).unwrap();
-        flash.data[4096 - 1] = 0;
-        flash.data[70] ^= 1;
-        let opened = BoardKey::open(&mut flash, seed(2));
-        assert!(opened.is_err(), "{opened:?}");
+    /// What can happen to an operation.
+    fn ways(op: &Op, word: usize) -> Vec<Cut> {
+        match op {
+            Op::Erase { .. } => ERASE_CUTS.to_vec(),
+            Op::Program { len, .. } => (0..*len)
+                .step_by(word)
+                .flat_map(|at| [Cut::AtByte(at + word / 2), Cut::Unseen(at), Cut::Page(at)])
+                .chain([Cut::AtByte(*len)])
+                .collect(),
+        }
+    }
+
+    /// The power goes at every operation of a start, of each start from the first to one in the second lap of the
+    /// flash: the next start has a key, the one of before if there was one, and never counts fewer starts.
+    #[test]
+    fn a_power_cut_costs_no_key() {
+        for (geometry, torn_reads_zero) in [(GEOMETRY, false), (WITH_ECC, false), (WITH_ECC, true)]
+        {
+            let mut flash = MockFlash::new(geometry);
+            flash.torn_reads_zero = torn_reads_zero;
+            let mut kept: Option<(u32, [u8; 32])> = None;
+            let mut cuts = 0;
+            while flash.erases.iter().sum::<u32>() < 4 {
+                let mut dry = flash.clone();
+                dry.power_up();
+                BoardKey::open(&mut dry, seed(1)).unwrap();
+                for (at, op) in dry.take_ops().iter().enumerate() {
+                    for way in ways(op, geometry.write_size.max(16) as usize) {
+                        let mut flash = flash.clone();
+                        flash.power_up();
+                        flash.cut_power_at(at, way, at as u64 + 1);
+                        assert!(BoardKey::open(&mut flash, seed(2)).is_err());
+                        flash.power_up();
+                        let key = BoardKey::open(&mut flash, seed(3)).unwrap();
+                        if let Some((boot, public)) = kept {
+                            assert_eq!(key.public(), public, "{op:?}, {way:?}");
+                            assert!((boot + 1..=boot + 2).contains(&key.boot()));
+                        }
+                        let again = BoardKey::open(&mut flash, seed(4)).unwrap();
+                        assert_eq!(again.public(), key.public());
+                        assert_eq!(again.boot(), key.boot() + 1);
+                        cuts += 1;
+                    }
+                }
+                let key = BoardKey::open(&mut flash, seed(1)).unwrap();
+                kept = Some((key.boot(), key.public()));
+            }
+            assert!(cuts > 100, "{cuts}");
+        }
+    }
+
+    /// Of a board that has started once, one of the two entries of its key is damaged at rest: the key is there. Both
+    /// are: there is none, and none is made in its place.
+    #[test]
+    fn damage_makes_no_other_key() {
+        for geometry in [GEOMETRY, WITH_ECC] {
+            let mut flash = MockFlash::new(geometry);
+            let public = BoardKey::open(&mut flash, seed(1)).unwrap().public();
+            let programs = flash.take_ops().into_iter();
+            let entries: Vec<usize> = programs
+                .filter_map(|op| match op {
+                    Op::Program { addr, len } if len > 64 => Some(addr as usize),
+                    _ => None,
+                })
+                .collect();
+            let [first, second] = entries[..] else {
+                panic!("{entries:?}");
+            };
+            for damaged in [&[first][..], &[second], &[first, second]] {
+                let mut flash = flash.clone();
+                for at in damaged {
+                    flash.data[at + 24] ^= 1;
+                }
+                let opened = BoardKey::open(&mut flash, seed(2));
+                match damaged.len() {
+                    1 => assert_eq!(opened.unwrap().public(), public),
+                    _ => assert_eq!(opened.unwrap_err(), KeyError::Damaged),
+                }
+            }
+        }
     }
 }

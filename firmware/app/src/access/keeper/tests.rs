@@ -42,6 +42,9 @@ struct Cut {
     quarters: usize,
     /// Bytes of a sector.
     sector: usize,
+    /// Bytes that are programmed at once, and once behind an erasure. Where it is more than one, a torn word reads as
+    /// zeros, as in an STM32H743's own flash.
+    word: usize,
 }
 
 impl Cut {
@@ -51,7 +54,13 @@ impl Cut {
             left: Arc::new(AtomicUsize::new(left)),
             quarters,
             sector: SECTOR,
+            word: 1,
         }
+    }
+
+    /// The same in words of so many bytes.
+    fn in_words(self, word: usize) -> Self {
+        Self { word, ..self }
     }
 
     /// Another area of the same board: it loses its power with this one.
@@ -81,6 +90,10 @@ impl Cut {
         for (n, cell) in cells[at..at + done].iter_mut().enumerate() {
             change(n, cell);
         }
+        if self.word > 1 && left == 1 && (1..4).contains(&self.quarters) {
+            let torn = at + done - done % self.word;
+            cells[torn..torn + self.word].fill(0);
+        }
         match left {
             0 | 1 => Err(()),
             _ => Ok(()),
@@ -95,8 +108,8 @@ impl Flash for Cut {
         Geometry {
             sectors: SECTORS as u16,
             sector_size: self.sector as u32,
-            write_size: 1,
-            page_size: 256,
+            write_size: self.word as u32,
+            page_size: if self.word > 1 { self.word as u32 } else { 256 },
         }
     }
 
@@ -107,7 +120,13 @@ impl Flash for Cut {
     }
 
     fn program(&mut self, addr: u32, bytes: &[u8]) -> Result<(), ()> {
-        self.change(addr as usize, bytes.len(), |n, cell| *cell &= bytes[n])
+        self.change(addr as usize, bytes.len(), |n, cell| {
+            assert!(
+                self.word == 1 || *cell == 0xFF,
+                "a word is programmed twice"
+            );
+            *cell &= bytes[n];
+        })
     }
 
     fn erase(&mut self, sector: u32) -> Result<(), ()> {
@@ -187,17 +206,19 @@ fn deeds() -> Vec<fn(&KeyRegister) -> KeyRegister> {
 #[test]
 fn a_power_cut_leaves_one_whole_state() {
     // Rings with little room left, so that sectors are erased on the way.
-    for filled in [0, 40] {
+    for (word, filled) in [(1, 0), (1, 40), (32, 0), (32, 40)] {
         let mut cuts = 0;
         'cuts: for cut_at in 1.. {
             for quarters in 0..4 {
                 let cells = erased();
-                let mut keeper = open(Cut::whole(&cells), false);
+                let whole = Cut::whole(&cells).in_words(word);
+                let mut keeper = open(whole.clone(), false);
                 let mut states = std::vec![keeper.register().clone()];
                 for _ in 0..filled {
                     keeper.save(Micros(0), KeyRegister::default()).unwrap();
                 }
-                let mut keeper = open(Cut::at(&cells, cut_at, quarters), false);
+                let power = Cut::at(&cells, cut_at, quarters).in_words(word);
+                let mut keeper = open(power, false);
                 let mut kept = 0;
                 let mut is_cut = false;
                 for deed in deeds() {
@@ -214,12 +235,12 @@ fn a_power_cut_leaves_one_whole_state() {
                     break 'cuts;
                 }
                 cuts += 1;
-                let found = open(Cut::whole(&cells), false).register().clone();
+                let found = open(whole, false).register().clone();
                 // The state that was being kept is the last.
                 let may_be = [states.get(kept), states.get(kept + 1)];
                 assert!(
                     may_be.contains(&Some(&found)),
-                    "cut {cut_at}, {quarters} quarters, {kept} kept: {found:?}"
+                    "words of {word}, cut {cut_at}, {quarters} quarters, {kept} kept: {found:?}"
                 );
                 assert!(kept == 0 || found.mode() != AccessMode::Open);
             }
