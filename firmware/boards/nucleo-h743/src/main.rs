@@ -9,7 +9,7 @@
 //! sensor task       sense
 //! link driver       USB: wakes the link's task
 //! link tasks        USB, serve
-//! none              measure, supervise
+//! none              measure, prove, supervise
 //! ```
 //!
 //! | file | idea |
@@ -19,21 +19,24 @@
 //! | [`timers`] | registers that count and capture |
 //! | [`axes`] | positions and captures |
 //! | [`time`] | the application's clock, and the tasks' timer |
-//! | [`control`] | the control's RS-232 |
-//! | [`sensor`] | a distance sensor's line, pulses and outputs |
-//! | [`usb`] | the interrupt of USB, and its plug |
+//! | [`ports::control`] | the control's RS-232 |
+//! | [`ports::sensor`] | a distance sensor's line, pulses and outputs |
+//! | [`ports::usb`] | the interrupt of USB, and its plug |
+//! | [`storage`] | journal, evidence, settings and part programs |
+//! | [`storage::owner`] | the board's key, the keys of people, the jumper |
+//! | [`storage::chip_flash`] | the flash that the code runs from, whose words have check values |
 //! | [`memory`] | what is in which memory, and cached |
 //! | [`reset`] | why the board started; panics |
 //!
-//! The flash, USB and queues are in `umi-drivers`.
+//! The driver of the serial flash, USB and queues are in `umi-drivers`.
 #![no_std]
 #![no_main]
 
 mod axes;
-mod control;
 #[path = "../../common/fault_entry.rs"]
 mod fault_entry;
 mod memory;
+mod ports;
 mod reset;
 #[allow(
     dead_code,
@@ -41,42 +44,39 @@ mod reset;
     reason = "build.rs reads what is not used here; in a constant the compiler finds what is outside"
 )]
 mod resources;
-mod sensor;
 #[path = "../../common/stack_guard.rs"]
 mod stack_guard;
 mod start;
+mod storage;
 mod time;
 mod timers;
-mod usb;
 
 use defmt_rtt as _;
 use embassy_executor::{Executor, InterruptExecutor, SpawnError, SpawnToken};
 use embassy_futures::join::join5;
 use embassy_stm32::gpio::{Input, Level, Output, Pull, Speed};
-use embassy_stm32::mode::Blocking;
 use embassy_stm32::peripherals::{IWDG1, PA11, PA12, USB_OTG_FS};
-use embassy_stm32::spi::{self, Spi, mode::Master};
+use embassy_stm32::spi::{self, Spi};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Peri, interrupt, rcc, uid};
-use embassy_time::Delay;
+use embassy_time::{Delay, Timer};
 use embedded_hal_bus::spi::ExclusiveDevice;
 use static_cell::StaticCell;
 use umi_app::board::{Button, Clock as _, Lights, Outputs, Watchdog};
 use umi_app::measure::{Boot, StorageAreas};
 use umi_app::sensor::PointStation;
 use umi_app::{App, Running};
-use umi_drivers::spi_nor::{Area, SectorSize, Shared, SpiNor, Wanted};
 use umi_drivers::usb_serial;
 use umi_protocol::job::name;
-use umi_protocol::message::{Identity, MAX_RECORD};
+use umi_protocol::message::Identity;
 
+use ports::{control, sensor, usb};
+use storage::{Part, Storage, owner};
 use time::alarms;
 use time::clock::BoardClock;
 
-type Bus = ExclusiveDevice<Spi<'static, Blocking, Master>, Output<'static>, Delay>;
-type Storage = Area<'static, Bus, Delay>;
-type Application = App<Storage>;
+type Application = App<Part>;
 
 static APP: Application = App::new();
 
@@ -88,23 +88,8 @@ static SERIAL_TASKS: InterruptExecutor = InterruptExecutor::new();
 static SENSOR_TASKS: InterruptExecutor = InterruptExecutor::new();
 static LINK_TASKS: InterruptExecutor = InterruptExecutor::new();
 
-/// The settings' part of the flash, and that of the part programs; the journal has the rest.
-const SETTINGS: Wanted = Wanted {
-    sectors: 8,
-    size: SectorSize::KiB32,
-};
-/// 4 MB. Small sectors: one of them is erased in the time in which a host waits for an answer.
-const PROGRAMS: Wanted = Wanted {
-    sectors: 1024,
-    size: SectorSize::KiB4,
-};
-const JOURNAL_SECTOR: SectorSize = SectorSize::KiB64;
-// The longest record finds room in a sector of either.
-const _: () = assert!(MAX_RECORD + 256 < SETTINGS.size.bytes() as usize);
-
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    static FLASH: StaticCell<Shared<Bus, Delay>> = StaticCell::new();
     static TASKS: StaticCell<Executor> = StaticCell::new();
 
     let reset = reset::reason();
@@ -133,6 +118,9 @@ fn main() -> ! {
     if rcc::frequency::<embassy_stm32::peripherals::TIM5>() != Hertz(resources::TIMER_HZ) {
         stop("the timers' clock is not as planned");
     }
+    owner::pull_up_jumper(p.PF8);
+    // Before anything that cannot wait.
+    let signer = owner::signer();
     start::set_priorities();
     timers::start();
     timers::start_looking();
@@ -144,19 +132,15 @@ fn main() -> ! {
     let mut speed = spi::Config::default();
     speed.frequency = Hertz(resources::FLASH_HZ);
     let bus = Spi::new_blocking(p.SPI4, p.PE2, p.PE6, p.PE5, speed);
-    let Ok(bus) = ExclusiveDevice::new(bus, select, Delay);
-    let flash = FLASH.init(match SpiNor::open(bus, Delay) {
-        Ok(chip) => Shared::new(chip),
-        Err(fault) => {
-            defmt::error!("{}: nothing is kept", fault.code());
-            Shared::missing(fault)
-        }
-    });
-    let wanted = [SETTINGS, PROGRAMS, journal_of(flash.capacity_bytes())];
-    let [settings, programs, journal] = match flash.areas(wanted) {
-        Ok(areas) => areas,
-        Err(fault) => stop(fault.code()),
-    };
+    let Ok(device) = ExclusiveDevice::new(bus, select, Delay);
+    let Storage {
+        journal,
+        evidence,
+        settings,
+        programs,
+        custody,
+        access,
+    } = storage::open(device).unwrap_or_else(|why| stop(why));
     let boot = Boot {
         identity: Identity {
             board: name("nucleo-h743"),
@@ -166,21 +150,24 @@ fn main() -> ! {
         reset,
         line: control::ABILITIES,
         skip_ends: true,
-        signer: None,
+        signer,
     };
     let app = &APP;
     let areas = StorageAreas {
         journal,
-        // What this board has not: noise can overwrite its verdicts.
-        evidence: None,
-        custody: None,
+        evidence: Some(evidence),
+        custody: Some(custody),
         settings,
         programs,
     };
     if let Err(Running) = app.senses(&POINT) {
         stop("the application runs already");
     }
-    match app.start(boot, areas, BoardClock.now()) {
+    let now = BoardClock.now();
+    if let Err(Running) = app.guard(owner::keeper(access, signer, now)) {
+        stop("the application runs already");
+    }
+    match app.start(boot, areas, now) {
         Ok(opened) => {
             if opened.journal.is_err() || opened.settings.is_err() {
                 defmt::error!("the storage cannot be opened");
@@ -208,6 +195,8 @@ fn main() -> ! {
     link.spawn(first(serve(app, p.USB_OTG_FS, p.PA12, p.PA11, station)));
     TASKS.init(Executor::new()).run(|here| {
         here.spawn(first(measure(app, lamps)));
+        here.spawn(first(prove(app)));
+        here.spawn(first(start_anew(app)));
         here.spawn(first(supervise(app, Dog(dog))));
     })
 }
@@ -231,17 +220,6 @@ fn UART7() {
 fn UART5() {
     // SAFETY: this is the interrupt that the executor was started with.
     unsafe { LINK_TASKS.on_interrupt() }
-}
-
-/// What settings and programs leave of the flash.
-fn journal_of(capacity_bytes: u32) -> Wanted {
-    let bytes = |wanted: Wanted| u32::from(wanted.sectors) * wanted.size.bytes();
-    let others = bytes(SETTINGS) + bytes(PROGRAMS);
-    let sectors = capacity_bytes.saturating_sub(others) / JOURNAL_SECTOR.bytes();
-    Wanted {
-        sectors: u16::try_from(sectors).unwrap_or(u16::MAX),
-        size: JOURNAL_SECTOR,
-    }
 }
 
 /// Says what is wrong, and does nothing more.
@@ -322,6 +300,21 @@ async fn serve(
 #[embassy_executor::task]
 async fn measure(app: &'static Application, mut lamps: Lamps) {
     app.measure(&mut lamps, &BoardClock).await;
+}
+
+/// Of the priority of measuring: a session takes this core a few milliseconds.
+#[embassy_executor::task]
+async fn prove(app: &'static Application) {
+    app.prove().await;
+}
+
+/// A wipe is asked for: the next start carries it out.
+#[embassy_executor::task]
+async fn start_anew(app: &'static Application) {
+    app.restarts().await;
+    // The host reads the answer first.
+    Timer::after_millis(200).await;
+    reset::start_anew()
 }
 
 #[embassy_executor::task]

@@ -83,6 +83,14 @@ pub fn reset_now() -> ! {
     SCB::sys_reset()
 }
 
+/// Starts the board anew because its host has asked for it; laser and lamps first.
+#[allow(dead_code, reason = "only the application is asked")]
+pub fn start_anew() -> ! {
+    cortex_m::interrupt::disable();
+    dark();
+    SCB::sys_reset()
+}
+
 /// Why the board started, by the flags of RM0433, 8.7.37 (RCC_RSR), of which several are
 /// set at once: the pin is pulled by every reset. Once: the flags are cleared.
 pub fn reason() -> ResetReason {

@@ -99,8 +99,9 @@ pub const USB: [Signal; 2] = [
 
 /// Plain pins: select line of the flash, OK, NG, busy, laser, the red LED LD3, the blue button B1, and
 /// what a distance sensor tells the control: skip, parity, is OK, has no signal; VBUS of the USB
-/// connector, at which the controller looks without an alternate function; and RTS to the control.
-pub const PLAIN: [(char, u8); 13] = [
+/// connector, at which the controller looks without an alternate function; RTS to the control; and the
+/// owner's jumper.
+pub const PLAIN: [(char, u8); 14] = [
     ('D', 4),
     ('E', 4),
     ('F', 13),
@@ -114,6 +115,7 @@ pub const PLAIN: [(char, u8); 13] = [
     ('G', 2),
     ('G', 3),
     ('A', 9),
+    ('F', 8),
 ];
 
 /// Pins of the plan on which the Nucleo-144 has something of its own that can be cut off by a

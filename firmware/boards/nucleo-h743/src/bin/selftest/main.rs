@@ -27,8 +27,6 @@
 
 #[path = "../../axes.rs"]
 mod axes;
-#[path = "../../control.rs"]
-mod control;
 mod drive;
 #[path = "../../../../common/fault_entry.rs"]
 mod fault_entry;
@@ -36,6 +34,8 @@ mod measure;
 #[path = "../../memory.rs"]
 mod memory;
 mod past;
+#[path = "../../ports/mod.rs"]
+mod ports;
 #[path = "../../reset.rs"]
 mod reset;
 #[path = "../../resources.rs"]
@@ -44,8 +44,6 @@ mod reset;
     reason = "in a constant the compiler finds what is outside"
 )]
 mod resources;
-#[path = "../../sensor.rs"]
-mod sensor;
 #[path = "../../../../common/stack_guard.rs"]
 mod stack_guard;
 #[path = "../../start.rs"]
@@ -54,8 +52,6 @@ mod start;
 mod time;
 #[path = "../../timers.rs"]
 mod timers;
-#[path = "../../usb.rs"]
-mod usb;
 #[allow(
     clippy::indexing_slicing,
     reason = "in a constant the compiler finds what is outside"
@@ -74,6 +70,7 @@ use umi_drivers::selftest::table::{Request, Table};
 use umi_drivers::usb_serial;
 
 use measure::Bench;
+use ports::{control, sensor, usb};
 use time::alarms;
 
 #[cortex_m_rt::entry]

@@ -13,11 +13,11 @@ use umi_drivers::selftest::table::{Asked, Table};
 use umi_protocol::latch::{LatchCause, LatchReport, Positions, SignalLevel, TriggerPulse};
 
 use crate::axes::{self, LATCHES, Station};
-use crate::control::{Receiver, Transmitter};
 use crate::drive::{self, Encoders};
 use crate::past::Past;
+use crate::ports::control::{Receiver, Transmitter};
+use crate::ports::sensor::SensorEnd;
 use crate::resources::{AXES, PULSES, SKIP, Signal, TIMERS, TRIGGER};
-use crate::sensor::SensorEnd;
 use crate::time::clock::BoardClock;
 use crate::wires::WIRED_AXES;
 

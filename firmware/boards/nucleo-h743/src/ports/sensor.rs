@@ -21,8 +21,9 @@ use umi_drivers::collector::Collector;
 use umi_protocol::latch::{Positions, SignalLevel, TriggerOut, TriggerPulse, TriggerRefusal};
 use umi_protocol::serial::LineSettings;
 
+use super::control;
 use crate::resources::{self, AXES, LEAST_INTERVAL_US, MOST_INTERVAL_US, TIMER_HZ};
-use crate::{axes, control, timers};
+use crate::{axes, timers};
 
 /// Bytes that can wait: 11 ms at 921 600 baud.
 const RING: usize = 1_024;
