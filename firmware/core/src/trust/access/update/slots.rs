@@ -7,8 +7,8 @@
 //!                                                                 └── the next start without it: back
 //! ```
 //!
-//! What counts stands in one entry of a small journal, so that it changes whole or not at all. The
-//! slot that runs is never written. An image is verified (board, signature, SHA-512, version and
+//! What counts stands in one entry of a small journal, so that it changes whole or not at all
+//! (`state`). The slot that runs is never written. An image is verified (board, signature, SHA-512, version and
 //! counter) before it is kept for trial, and the one that is to run again at every start: one that
 //! was changed meanwhile does not run, but the other slot's does, if that is right and not older
 //! than the counter allows; else what was built in.
@@ -17,7 +17,8 @@
 //! [`Slots::start`], and the image that it has started goes on by [`Slots::resume`]. Nothing is built in
 //! there: the first start takes the newest image that stands in a slot.
 //!
-//! A sector is erased when its first byte comes, so that no piece waits for more than one.
+//! A sector is erased when its first byte comes, so that no piece waits for more than one. Where the flash fails at a
+//! piece, the image begins anew: flash with check values takes no word twice.
 //!
 //! # Limitations
 //!
@@ -25,21 +26,14 @@
 
 pub mod boot_rom;
 
-use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha512};
 use umi_protocol::update::{
     IMAGE_HEADER, ImageInfo, ImagePlace, ImageVersion, UpdateRefusal, UpdateState,
 };
 
 use super::image::ImageHeader;
-use crate::journal::{ERASED, Flash, Journal};
-use crate::units::Micros;
-
-/// Kind number of the only entry there is. A later layout gets another.
-const KIND: u8 = 1;
-
-/// Bytes of an entry, at most.
-const MOST: usize = 128;
+use super::state::{Kept, StateNotKept, StateRing};
+use crate::journal::{ERASED, Flash};
 
 /// Bytes that are hashed or programmed at once.
 const PIECE: usize = 256;
@@ -47,34 +41,6 @@ const PIECE: usize = 256;
 /// What is programmed at once, as flash wants it aligned.
 #[repr(align(4))]
 struct Page([u8; PIECE]);
-
-/// What is kept.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-struct Kept {
-    /// The slot that runs; none: what is built in.
-    active: Option<bool>,
-    version: ImageVersion,
-    counter: u32,
-    /// The slot on trial, and whether it has started.
-    trial: Option<(bool, bool)>,
-    latest: UpdateState,
-    /// The maker's key.
-    maker: Option<[u8; 32]>,
-}
-
-impl Kept {
-    /// Before any image came.
-    fn new(kind: ImageKind) -> Self {
-        Self {
-            active: None,
-            version: kind.built_in.unwrap_or_default(),
-            counter: 0,
-            trial: None,
-            latest: UpdateState::None,
-            maker: None,
-        }
-    }
-}
 
 /// What runs from this start on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -100,6 +66,12 @@ pub enum UpdateError {
 impl From<UpdateRefusal> for UpdateError {
     fn from(refusal: UpdateRefusal) -> Self {
         Self::Refused(refusal)
+    }
+}
+
+impl From<StateNotKept> for UpdateError {
+    fn from(StateNotKept: StateNotKept) -> Self {
+        Self::Flash
     }
 }
 
@@ -133,7 +105,7 @@ pub enum Maker {
 /// The slots.
 pub struct Slots<F: Flash> {
     /// None: it is damaged, and nothing can be kept.
-    state: Option<Journal<F>>,
+    state: Option<StateRing<F>>,
     slots: [F; 2],
     kind: ImageKind,
     kept: Kept,
@@ -162,23 +134,31 @@ impl<F: Flash> Slots<F> {
         kind: ImageKind,
         maker: Maker,
     ) -> Result<Self, UpdateError> {
-        let (mut state, recovery) = Journal::open(state).map_err(|_| UpdateError::Flash)?;
-        let new = Kept::new(kind);
-        let mut room = [0; MOST];
-        let kept = match state.next_seq().checked_sub(1) {
-            None if recovery.damaged_headers == 0 => new,
-            None => return Err(UpdateError::Flash),
-            Some(newest) => {
-                let found = state
-                    .read(newest, &mut room)
-                    .map_err(|_| UpdateError::Flash)?;
-                let kept = postcard::from_bytes(found.entry.payload);
-                match kept {
-                    Ok(kept) if found.entry.kind == KIND => kept,
-                    _ => return Err(UpdateError::Flash),
-                }
-            }
-        };
+        Self::open_where(state, false, slots, kind, maker)
+    }
+
+    /// The same where what counts stands in the journal of the board's key, behind that (`state`): the key has been
+    /// opened before, and nobody writes it meanwhile.
+    ///
+    /// # Errors
+    /// [`UpdateError::Flash`]: what counts cannot be read or kept, or a key that was there is damaged.
+    pub fn open_behind_key(
+        state: F,
+        slots: [F; 2],
+        kind: ImageKind,
+        maker: Maker,
+    ) -> Result<Self, UpdateError> {
+        Self::open_where(state, true, slots, kind, maker)
+    }
+
+    fn open_where(
+        state: F,
+        behind_key: bool,
+        slots: [F; 2],
+        kind: ImageKind,
+        maker: Maker,
+    ) -> Result<Self, UpdateError> {
+        let (state, kept) = StateRing::open(state, behind_key, Kept::new(kind.built_in))?;
         let mut opened = Self {
             state: Some(state),
             kept,
@@ -210,7 +190,7 @@ impl<F: Flash> Slots<F> {
             kind,
             kept: Kept {
                 maker,
-                ..Kept::new(kind)
+                ..Kept::new(kind.built_in)
             },
             receiving: None,
             running: None,
@@ -220,14 +200,7 @@ impl<F: Flash> Slots<F> {
     }
 
     fn keep(&mut self, kept: Kept) -> Result<(), UpdateError> {
-        let mut room = [0; MOST];
-        let payload = postcard::to_slice(&kept, &mut room).map_err(|_| UpdateError::Flash)?;
-        // Twice: a newest entry that is damaged at rest looks like one that was torn.
-        let state = self.state.as_mut().ok_or(UpdateError::Flash)?;
-        for _ in 0..2 {
-            let appended = state.append(KIND, Micros(0), payload);
-            appended.map_err(|_| UpdateError::Flash)?;
-        }
+        self.state.as_mut().ok_or(UpdateError::Flash)?.keep(&kept)?;
         self.kept = kept;
         Ok(())
     }
@@ -243,9 +216,15 @@ impl<F: Flash> Slots<F> {
         if slot { b } else { a }
     }
 
+    /// The slot that the next image goes to: never the one that runs.
+    fn next_slot(&self) -> bool {
+        let running = self.running.as_ref().map(|(place, _)| *place);
+        running == Some(ImagePlace::A)
+    }
+
     /// Bytes of a payload that a slot takes.
-    fn most_bytes(&mut self) -> u32 {
-        let geometry = self.flash(false).geometry();
+    fn most_bytes(&mut self, slot: bool) -> u32 {
+        let geometry = self.flash(slot).geometry();
         let size = u32::from(geometry.sectors).saturating_mul(geometry.sector_size);
         size.saturating_sub(IMAGE_HEADER as u32)
     }
@@ -285,7 +264,7 @@ impl<F: Flash> Slots<F> {
         if header.counter < counter || header.version < version {
             return Err(UpdateRefusal::Rollback.into());
         }
-        let most_bytes = self.most_bytes();
+        let most_bytes = self.most_bytes(slot);
         if header.length > most_bytes {
             return Err(UpdateRefusal::TooLong { most_bytes }.into());
         }
@@ -435,7 +414,7 @@ impl<F: Flash> Slots<F> {
 
     /// What runs.
     pub fn info(&mut self) -> ImageInfo {
-        let most_bytes = self.most_bytes();
+        let most_bytes = self.most_bytes(self.next_slot());
         let running = self.running.as_ref();
         let halves = |sha512: &[u8; 64]| {
             let mut halves = [[0; 32]; 2];
@@ -467,9 +446,7 @@ impl<F: Flash> Slots<F> {
         if self.on_trial {
             return Err(UpdateRefusal::Busy.into());
         }
-        // Never the one that runs.
-        let running = self.running.as_ref().map(|(place, _)| *place);
-        let slot = running == Some(ImagePlace::A);
+        let slot = self.next_slot();
         let header = self.admissible(slot, bytes)?;
         if let Some(receiving) = &self.receiving
             && receiving.header == header
@@ -544,10 +521,13 @@ impl<F: Flash> Slots<F> {
         if !bytes.len().is_multiple_of(word.max(1)) && end != receiving.header.length {
             return Err(UpdateRefusal::Damaged.into());
         }
+        // What is not written whole is begun anew.
+        self.receiving = None;
         self.write(receiving.slot, IMAGE_HEADER as u32 + offset, bytes)?;
-        if let Some(receiving) = &mut self.receiving {
-            receiving.offset = end;
-        }
+        self.receiving = Some(Receiving {
+            offset: end,
+            ..receiving
+        });
         Ok(end)
     }
 

@@ -1,7 +1,7 @@
 use super::*;
 use crate::journal::Geometry;
 use crate::journal::mock::{Cut, ERASE_CUTS, MockFlash, Op, Random};
-use crate::trust::board_key::key_id;
+use crate::trust::board_key::{BoardKey, SEED, key_id};
 
 use ed25519_dalek::{Signer as _, SigningKey};
 use std::vec::Vec;
@@ -573,4 +573,200 @@ impl Areas {
         let maker = Maker::First(Some(maker().verifying_key().to_bytes()));
         Slots::open(&mut self.state, [a, b], KIND, maker)
     }
+}
+
+/// Two sectors of an STM32H743's own flash, smaller: words of 32 bytes that are programmed once.
+const WORDS: Geometry = Geometry {
+    sectors: 2,
+    sector_size: 1024,
+    write_size: 32,
+    page_size: 32,
+};
+
+impl Areas {
+    /// A board with such a flash: its key and which image counts share two sectors, and one place is longer than the other.
+    /// With image A, as who flashes a board leaves it.
+    fn in_words(torn_reads_zero: bool) -> Self {
+        let flash = |sectors| {
+            let mut flash = MockFlash::new(Geometry { sectors, ..WORDS });
+            flash.torn_reads_zero = torn_reads_zero;
+            flash
+        };
+        let mut areas = Self {
+            state: flash(2),
+            slots: [flash(3), flash(2)],
+        };
+        areas.put(0, &built_for("pico-a", 1, 1));
+        areas
+    }
+
+    /// As its boot loader opens them, and each image behind the board's key.
+    fn behind_key(&mut self) -> Result<Slots<&mut MockFlash>, UpdateError> {
+        let [a, b] = &mut self.slots;
+        let maker = Maker::Fixed(maker().verifying_key().to_bytes());
+        Slots::open_behind_key(&mut self.state, [a, b], LOADED, maker)
+    }
+
+    /// A start: the boot loader's, then the image's, whose key is drawn from this number if it has none.
+    fn run(&mut self, draws: u8) -> Result<(BoardKey, Slots<&mut MockFlash>), UpdateError> {
+        let started = self.behind_key()?.start()?;
+        let draw = |seed: &mut [u8; SEED]| {
+            seed.fill(draws);
+            seed[0] = !draws;
+            Ok(())
+        };
+        let key = BoardKey::open(&mut self.state, draw).map_err(|_| UpdateError::Flash)?;
+        let mut slots = self.behind_key()?;
+        slots.resume(started.place)?;
+        Ok((key, slots))
+    }
+
+    /// From wherever it was left to the second image, confirmed.
+    fn second_behind_key(&mut self) -> Result<(), UpdateError> {
+        let (_, mut slots) = self.run(2)?;
+        if slots.trial().is_none() && slots.info().version == [1, 1, 0] {
+            send(&mut slots, &built_for("pico-b", 2, 5))?;
+            (_, slots) = self.run(3)?;
+        }
+        slots.confirm()?;
+        Ok(())
+    }
+
+    /// However often it starts: the key of before, no start forgotten that was whole, and an image that is whole; the
+    /// counter never goes back.
+    fn is_whole(&mut self, public: [u8; 32], starts: u32) {
+        let (mut starts, mut counter) = (starts, 0);
+        for _ in 0..2 {
+            let (key, mut slots) = self.run(4).unwrap();
+            assert_eq!(key.public(), public, "another key");
+            assert!(key.boot() > starts, "{} after {starts}", key.boot());
+            starts = key.boot();
+            let info = slots.info();
+            let either = [([1, 1, 0], 1), ([1, 2, 0], 5)];
+            assert!(either.contains(&(info.version, info.counter)), "{info:?}");
+            assert!(slots.kept.counter >= counter, "the counter went back");
+            counter = slots.kept.counter;
+        }
+    }
+}
+
+/// As [`a_power_cut_leaves_an_image_that_runs`], where the board's key stands in the same journal, in words of 32 bytes of
+/// which a torn one reads as zeros, or as anything: the key is there, too, and no start is forgotten.
+#[test]
+fn a_power_cut_costs_neither_key_nor_image() {
+    for torn_reads_zero in [false, true] {
+        let mut before = Areas::in_words(torn_reads_zero);
+        let (key, _) = before.run(1).unwrap();
+        let (public, starts) = (key.public(), key.boot());
+        assert_eq!(starts, 1);
+        let mut cuts = [0, 0];
+        for area in 0..3 {
+            let ops = operations(&before, area, |areas| areas.second_behind_key().unwrap());
+            assert!(area == 1 || ops.len() > 4, "{ops:?}");
+            for (at, op) in ops.iter().enumerate() {
+                for way in ways(op) {
+                    let mut areas = before.clone();
+                    areas.area(area).take_ops();
+                    areas.area(area).cut_power_at(at, way, at as u64 + 1);
+                    assert!(areas.second_behind_key().is_err(), "{op:?} {way:?}");
+                    areas.power_up();
+                    cuts[0] += 1;
+                    let again = operations(&areas, 0, |areas| _ = areas.run(5));
+                    for (at, op) in again.iter().enumerate() {
+                        for way in ways(op) {
+                            let mut areas = areas.clone();
+                            areas.state.cut_power_at(at, way, at as u64 + 1);
+                            let _ = areas.run(6);
+                            areas.power_up();
+                            cuts[1] += 1;
+                            areas.is_whole(public, starts);
+                        }
+                    }
+                    areas.clone().is_whole(public, starts);
+                    areas.second_behind_key().unwrap();
+                    assert_eq!(areas.run(7).unwrap().1.info().version, [1, 2, 0]);
+                }
+            }
+        }
+        assert!(cuts[0] > 150 && cuts[1] > 4000, "{cuts:?}");
+    }
+}
+
+/// The power goes at every operation of the first start of such a board, and once more of the second: it has a key in the
+/// end, which stays, and the image runs.
+#[test]
+fn a_power_cut_at_the_first_start_leaves_a_board_with_a_key() {
+    for torn_reads_zero in [false, true] {
+        let new = Areas::in_words(torn_reads_zero);
+        let ops = operations(&new, 0, |areas| _ = areas.run(1).unwrap());
+        assert!(ops.len() > 4, "{ops:?}");
+        for (at, op) in ops.iter().enumerate() {
+            for way in ways(op) {
+                let mut areas = new.clone();
+                areas.state.cut_power_at(at, way, at as u64 + 1);
+                assert!(areas.run(1).is_err(), "{op:?} {way:?}");
+                areas.power_up();
+                let again = operations(&areas, 0, |areas| _ = areas.run(2));
+                for (at, op) in again.iter().enumerate() {
+                    for way in ways(op) {
+                        let mut areas = areas.clone();
+                        areas.state.cut_power_at(at, way, at as u64 + 1);
+                        let _ = areas.run(2);
+                        areas.power_up();
+                        let (key, _) = areas.run(3).unwrap();
+                        areas.is_whole(key.public(), key.boot());
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Who has flashed a board without boot loader before finds its key again behind one.
+#[test]
+fn a_key_from_before_the_boot_loader_stays() {
+    let draw = |seed: &mut [u8; SEED]| {
+        *seed = core::array::from_fn(|n| n as u8);
+        Ok(())
+    };
+    let mut areas = Areas::in_words(true);
+    let public = BoardKey::open(&mut areas.state, draw).unwrap().public();
+    assert_eq!(areas.run(9).unwrap().0.public(), public);
+    areas.is_whole(public, 2);
+}
+
+/// Each place has its own length: what is told and taken is that of the place where the next image goes.
+#[test]
+fn a_shorter_place_takes_less() {
+    let mut areas = Areas::in_words(true);
+    let (_, mut slots) = areas.run(1).unwrap();
+    let most_bytes = 2 * 1024 - IMAGE_HEADER as u32;
+    assert_eq!(slots.info().most_bytes, most_bytes);
+    let sized = |board, version, len| image(&maker(), board, [1, version, 0], 1, len);
+    let longest = most_bytes as usize;
+    assert_eq!(
+        refused(send(&mut slots, &sized("pico-b", 2, longest + 1))),
+        UpdateRefusal::TooLong { most_bytes }
+    );
+    send(&mut slots, &sized("pico-b", 2, longest)).unwrap();
+    let (_, mut slots) = areas.run(1).unwrap();
+    slots.confirm().unwrap();
+    assert_eq!(slots.info().most_bytes, most_bytes + 1024);
+    send(&mut slots, &sized("pico-a", 3, longest + 1024)).unwrap();
+}
+
+/// A flash that fails at a piece: the same image begins anew, and no word is programmed twice.
+#[test]
+fn an_image_begins_anew_where_the_flash_failed() {
+    let mut areas = Areas::in_words(true);
+    let (_, mut slots) = areas.run(1).unwrap();
+    let next = built_for("pico-b", 2, 5);
+    let (header, payload) = next.split_first_chunk().unwrap();
+    assert_eq!(slots.begin(header), Ok(0));
+    assert_eq!(slots.piece(0, &payload[..96]), Ok(96));
+    assert_eq!(slots.begin(header), Ok(96), "it goes on");
+    slots.flash(true).fail_next_program = true;
+    assert_eq!(slots.piece(96, &payload[96..192]), Err(UpdateError::Flash));
+    assert_eq!(slots.begin(header), Ok(0), "it begins anew");
+    assert_eq!(send(&mut slots, &next), Ok([1, 2, 0]));
 }
