@@ -1,4 +1,4 @@
-//! Signed images that a host brings while this one runs.
+//! Signed images that a host brings while this one runs, on boards with a boot loader.
 //!
 //! # Design
 //!
@@ -7,23 +7,13 @@
 //! answers, the journal keeps entries, the watchdog is fed. One that has not by [`PATIENCE`] resets the board, and the
 //! one before starts again.
 
-use embassy_rp::Peri;
-use embassy_rp::peripherals::FLASH;
 use embassy_time::{Duration, Instant, Timer};
 use umi_app::App;
-use umi_core::trust::access::update::slots::Slots;
+use umi_core::trust::access::update::slots::{Slots, UpdateError};
 use umi_core::units::Micros;
-use umi_protocol::message::ResetReason;
-#[cfg(not(feature = "slot-ab"))]
-use umi_protocol::update::ImagePlace;
-use umi_protocol::update::ImageVersion;
+use umi_protocol::update::{ImagePlace, ImageVersion};
 
-#[cfg(feature = "slot-ab")]
-use super::ab_images::take_over;
-#[cfg(not(feature = "slot-ab"))]
-use super::images;
-use super::{FoundImages, Part};
-use crate::safety::guard;
+use super::Part;
 use crate::time::clock::BoardClock;
 
 /// What an image on trial works before it is confirmed.
@@ -34,7 +24,6 @@ const TURN: Duration = Duration::from_secs(1);
 const PATIENCE: Duration = Duration::from_secs(30);
 
 /// Where this image is linked for.
-#[cfg(not(feature = "slot-ab"))]
 const PLACE: ImagePlace = if cfg!(feature = "slot-a") {
     ImagePlace::A
 } else {
@@ -53,44 +42,42 @@ pub struct RunningImage {
     reverted: Option<ImageVersion>,
 }
 
-/// The images as the boot loader has left them.
-#[cfg(not(feature = "slot-ab"))]
-fn take_over(flash: &Peri<'static, FLASH>) -> Option<FoundImages> {
-    let reverted = images::take_reverted();
-    let opened = images::open(flash, Part::Chip);
-    let slots = opened.and_then(|mut slots| slots.resume(PLACE).map(|()| slots));
-    Some(FoundImages {
-        slots: slots.ok(),
-        reverted,
-    })
+/// An image that a boot loader has started finds itself among the images.
+///
+/// # Errors
+/// [`UpdateError`]: it does not stand where it is linked for.
+#[allow(dead_code, reason = "a boot ROM's image is told where it stands")]
+pub fn found(mut slots: Slots<Part>) -> Result<Slots<Part>, UpdateError> {
+    slots.resume(PLACE)?;
+    Ok(slots)
 }
 
-/// Opens the images and finds itself among them: before anything that cannot wait. None: this image may not run.
-pub fn resume(flash: &Peri<'static, FLASH>) -> Option<RunningImage> {
-    let FoundImages {
-        mut slots,
-        reverted,
-    } = take_over(flash)?;
-    if slots.is_none() {
+/// The image that runs, by the images as it has found them: before anything that cannot wait. With the version of the image
+/// whose trial was ended before this start.
+pub fn running(
+    slots: Result<Slots<Part>, UpdateError>,
+    reverted: Option<ImageVersion>,
+) -> RunningImage {
+    if slots.is_err() {
         defmt::error!("the images cannot be read: none is taken");
     }
-    Some(RunningImage {
+    let mut slots = slots.ok();
+    RunningImage {
         version: slots.as_mut().map(|slots| slots.info().version),
         digest: slots.as_ref().and_then(Slots::digest).unwrap_or_default(),
         slots,
         reverted,
-    })
+    }
 }
 
 impl RunningImage {
-    /// Why the board started: the boot ROM restarts by the watchdog what it was asked to try.
-    pub fn reason(&self, seen: ResetReason) -> ResetReason {
-        let is_tried = self.slots.as_ref().is_some_and(|of| of.trial().is_some());
-        let is_asked = cfg!(feature = "slot-ab") && is_tried;
-        match seen {
-            ResetReason::Watchdog if is_asked => ResetReason::Software,
-            seen => seen,
-        }
+    /// Whether it still has to show that it works.
+    #[allow(
+        dead_code,
+        reason = "a boot ROM restarts what it is to try by the watchdog"
+    )]
+    pub fn is_on_trial(&self) -> bool {
+        self.slots.as_ref().is_some_and(|of| of.trial().is_some())
     }
 
     /// Lets the application take images: before its start.
@@ -109,13 +96,13 @@ impl RunningImage {
     }
 }
 
-/// Ends the trial of this image, if it is on trial.
-pub async fn end_trial(app: &App<Part>) {
+/// Ends the trial of this image, if it is on trial: it is confirmed, or given up by a reset.
+pub async fn end_trial(app: &App<Part>, give_up: fn() -> !) {
     Timer::after(TRIAL).await;
     while !app.confirm(&BoardClock).await {
         if Instant::now().as_ticks() > PATIENCE.as_ticks() {
             defmt::error!("this image does not work here: the one before runs again");
-            guard::reset_now()
+            give_up()
         }
         Timer::after(TURN).await;
     }

@@ -32,11 +32,30 @@ fn main() -> io::Result<()> {
     }
 
     let out = PathBuf::from(env::var_os("OUT_DIR").ok_or(io::ErrorKind::NotFound)?);
-    fs::copy("memory.x", out.join("memory.x"))?;
-    println!("cargo::rerun-if-changed=memory.x");
+    let has = |feature: &str| env::var_os(format!("CARGO_FEATURE_{feature}")).is_some();
+    let flash = if has("BOOT") {
+        "flash-boot.x"
+    } else if has("SLOT_A") {
+        "flash-slot-a.x"
+    } else if has("SLOT_B") {
+        "flash-slot-b.x"
+    } else {
+        "flash-whole.x"
+    };
+    let parts = [flash, "memory.x"];
+    let texts: Result<Vec<String>, io::Error> = parts.iter().map(fs::read_to_string).collect();
+    fs::write(out.join("memory.x"), texts?.concat())?;
+    for part in parts {
+        println!("cargo::rerun-if-changed={part}");
+    }
     println!("cargo::rustc-link-search={}", out.display());
+    // Without it the linker pads segments to pages, which flash has not.
+    println!("cargo::rustc-link-arg-bins=--nmagic");
     println!("cargo::rustc-link-arg-bins=-Tlink.x");
-    println!("cargo::rustc-link-arg-bins=-Tdefmt.x");
+    // The boot loader does not log.
+    if !has("BOOT") {
+        println!("cargo::rustc-link-arg-bins=-Tdefmt.x");
+    }
     Ok(())
 }
 

@@ -24,9 +24,10 @@
 //! | [`ports::usb`] | the interrupt of USB, and its plug |
 //! | [`storage`] | journal, evidence, settings and part programs |
 //! | [`storage::owner`] | the board's key, the keys of people, the jumper |
+//! | `storage::images`, `storage::updates` (../common/updates.rs) | signed images, where a boot loader starts them (bin/boot.rs) |
 //! | [`storage::chip_flash`] | the flash that the code runs from, whose words have check values |
 //! | [`memory`] | what is in which memory, and cached |
-//! | [`reset`] | why the board started; panics |
+//! | [`reset`], [`ram_note`] | why the board started; panics; what a reset leaves |
 //!
 //! The driver of the serial flash, USB and queues are in `umi-drivers`.
 #![no_std]
@@ -37,6 +38,7 @@ mod axes;
 mod fault_entry;
 mod memory;
 mod ports;
+mod ram_note;
 mod reset;
 #[allow(
     dead_code,
@@ -50,6 +52,8 @@ mod start;
 mod storage;
 mod time;
 mod timers;
+
+use core::fmt::Write as _;
 
 use defmt_rtt as _;
 use embassy_executor::{Executor, InterruptExecutor, SpawnError, SpawnToken};
@@ -68,11 +72,14 @@ use umi_app::measure::{Boot, StorageAreas};
 use umi_app::sensor::PointStation;
 use umi_app::{App, Running};
 use umi_drivers::usb_serial;
-use umi_protocol::job::name;
+use umi_protocol::job::{Name, name};
 use umi_protocol::message::Identity;
+use umi_protocol::update::ImageVersion;
 
 use ports::{control, sensor, usb};
 use storage::{Part, Storage, owner};
+#[cfg(feature = "update")]
+use storage::{images, updates};
 use time::alarms;
 use time::clock::BoardClock;
 
@@ -119,8 +126,18 @@ fn main() -> ! {
         stop("the timers' clock is not as planned");
     }
     owner::pull_up_jumper(p.PF8);
-    // Before anything that cannot wait.
-    let signer = owner::signer();
+    // Before anything that cannot wait. The key first: what counts of the images stands behind it.
+    let key = owner::board_key();
+    #[cfg(feature = "update")]
+    let mut image = updates::running(
+        images::open(Part::Chip).and_then(updates::found),
+        images::take_reverted(),
+    );
+    #[cfg(feature = "update")]
+    let (digest, version) = (image.digest, image.version);
+    #[cfg(not(feature = "update"))]
+    let (digest, version) = ([0; 32], None);
+    let signer = owner::signer(key, digest);
     start::set_priorities();
     timers::start();
     timers::start_looking();
@@ -145,7 +162,7 @@ fn main() -> ! {
         identity: Identity {
             board: name("nucleo-h743"),
             serial: name(uid::uid_hex()),
-            firmware: name(env!("CARGO_PKG_VERSION")),
+            firmware: firmware(version),
         },
         reset,
         line: control::ABILITIES,
@@ -167,6 +184,8 @@ fn main() -> ! {
     if let Err(Running) = app.guard(owner::keeper(access, signer, now)) {
         stop("the application runs already");
     }
+    #[cfg(feature = "update")]
+    image.enter(app);
     match app.start(boot, areas, now) {
         Ok(opened) => {
             if opened.journal.is_err() || opened.settings.is_err() {
@@ -178,6 +197,8 @@ fn main() -> ! {
         }
         Err(Running) => stop("the application runs already"),
     }
+    #[cfg(feature = "update")]
+    image.tell(app, now);
     // Until now nobody has read what came; the control prints when its program runs.
     control::set(app.line());
 
@@ -198,7 +219,20 @@ fn main() -> ! {
         here.spawn(first(prove(app)));
         here.spawn(first(start_anew(app)));
         here.spawn(first(supervise(app, Dog(dog))));
+        #[cfg(feature = "update")]
+        here.spawn(first(end_trial(app)));
     })
+}
+
+/// The version that the board tells: of a signed image that of its header, which says what may run.
+fn firmware(signed: Option<ImageVersion>) -> Name {
+    let Some([major, minor, patch]) = signed else {
+        return name(env!("CARGO_PKG_VERSION"));
+    };
+    let mut text = Name::new();
+    // Three numbers of five digits have room.
+    let _ = write!(text, "{major}.{minor}.{patch}");
+    text
 }
 
 /// Runs the tasks of the serial line.
@@ -315,6 +349,12 @@ async fn start_anew(app: &'static Application) {
     // The host reads the answer first.
     Timer::after_millis(200).await;
     reset::start_anew()
+}
+
+#[cfg(feature = "update")]
+#[embassy_executor::task]
+async fn end_trial(app: &'static Application) {
+    updates::end_trial(app, reset::reset_now).await;
 }
 
 #[embassy_executor::task]

@@ -1,6 +1,5 @@
 //! Reset: its cause, and the board's last act when it cannot go on.
 
-use core::cell::UnsafeCell;
 use core::panic::PanicInfo;
 
 use cortex_m::peripheral::SCB;
@@ -8,50 +7,15 @@ use cortex_m_rt::exception;
 use embassy_stm32::pac::{GPIOF, GPIOG, RCC};
 use umi_protocol::message::ResetReason;
 
+use crate::ram_note::{RamNote, keep, kept, nothing_kept};
+
 /// Says that a panic or a fault was the reason. Any other value, as RAM has after power-up, does
 /// not.
 const PANICKED: u64 = 0x554D_4921_6B65_7074;
 
-/// As wide as the widest check value of the chip's memories is for (RM0433, 2.4 and 3.3): a narrower
-/// write is read, changed and kept in a buffer until another is written, and a reset meanwhile loses
-/// it. In the DTCM (`memory.x`), which no cache stands before.
-#[repr(C, align(8))]
-pub struct KeptNumber(UnsafeCell<u64>);
-
-// SAFETY: every access is volatile and of a plain number. There is one core; a note that an
-// interrupt writes is followed by a reset.
-unsafe impl Sync for KeptNumber {}
-
-/// A number that a reset leaves, in `.uninit`. The second place is there to be written behind the first.
-pub type Kept = [KeptNumber; 2];
-
-/// One that keeps nothing yet.
-pub const fn nothing_kept() -> Kept {
-    [const { KeptNumber(UnsafeCell::new(0)) }; 2]
-}
-
 /// Outside of what is cleared at the start.
 #[unsafe(link_section = ".uninit.panicked")]
-static NOTES: Kept = nothing_kept();
-
-/// Keeps a number.
-pub fn keep(notes: &Kept, value: u64) {
-    // Twice: the second write pushes the first out of the buffer.
-    for _ in 0..2 {
-        for place in notes {
-            // SAFETY: the place is in RAM and aligned; see `Sync`.
-            unsafe { place.0.get().write_volatile(value) };
-            cortex_m::asm::dsb();
-        }
-    }
-}
-
-/// What was kept; behind the power, anything.
-pub fn kept(notes: &Kept) -> u64 {
-    let [place, _] = notes;
-    // SAFETY: as above; any bits are a number.
-    unsafe { place.0.get().read_volatile() }
-}
+static NOTES: RamNote = nothing_kept();
 
 /// Whether a panic or a fault was noted. Once.
 fn take_note() -> bool {

@@ -26,7 +26,7 @@
 //! | [`usb_plug`] | when the board shows itself to a host |
 //! | [`storage`] | journal, evidence, settings and part programs |
 //! | [`storage::owner`] | the board's key, the keys of people, the jumper |
-//! | `storage::images`, `storage::updates` | signed images, where a boot loader starts them (bin/boot.rs) |
+//! | `storage::images`, `storage::updates` (../common/updates.rs) | signed images, where a boot loader starts them (bin/boot.rs) |
 //! | `storage::ab_images` | the same where the boot ROM of a Pico 2 starts them |
 //! | [`safety::guard`], [`safety::crash_note`], [`lights`], [`time::clock`], [`time::alarms`] | watchdog, panics, outputs, time |
 //!
@@ -160,14 +160,20 @@ fn boot() -> Parts {
     pins::mux::connect();
     // Before anything that cannot wait: its flash is the one that all code is fetched from.
     #[cfg(feature = "update")]
-    let Some(mut image) = updates::resume(&chip.FLASH) else {
+    let Some(mut image) = storage::running_image(&chip.FLASH) else {
         stop(
             &mut light,
             "this image is older than what counts, or not the maker's",
         );
     };
     #[cfg(feature = "update")]
-    let (digest, version, reset) = (image.digest, image.version, image.reason(reset));
+    let (digest, version) = (image.digest, image.version);
+    // The boot ROM restarts by the watchdog what it was asked to try.
+    #[cfg(feature = "slot-ab")]
+    let reset = match reset {
+        ResetReason::Watchdog if image.is_on_trial() => ResetReason::Software,
+        seen => seen,
+    };
     #[cfg(not(feature = "update"))]
     let (digest, version) = ([0; 32], None);
     let signer = owner::signer(ChipFlash::new(chip.FLASH, KEY), digest);
@@ -371,7 +377,7 @@ async fn start_anew(app: &'static App<Part>) {
 #[cfg(feature = "update")]
 #[embassy_executor::task]
 async fn end_trial(app: &'static App<Part>) {
-    updates::end_trial(app).await;
+    updates::end_trial(app, guard::reset_now).await;
 }
 
 #[interrupt]

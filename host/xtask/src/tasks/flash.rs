@@ -127,8 +127,13 @@ fn plan(workspace: &Workspace, board: &Board, ways: &Ways, run: bool) -> Result<
             image("elf").display()
         ),
         Flashing::Signed => bail!(
-            "{} is a part of a signed Pico: `cargo xtask firmware pico --sign KEY`, or pico2, makes the whole",
-            board.name
+            "{} is a part of a signed board: `cargo xtask firmware {} --sign KEY` makes the whole",
+            board.name,
+            if board.name == "pico2-ab" {
+                "pico2"
+            } else {
+                board.folder()
+            }
         ),
         Flashing::Probe { chip } => (chip, None),
         Flashing::ProbeOrDrive { chip, family } => (chip, Some(family)),

@@ -1,11 +1,16 @@
-//! Parts of the flash that the code runs from: the board's own key.
+//! Parts of the flash that the code runs from: the board's own key, and the images of a boot loader.
 //!
 //! # Design
 //!
 //! ```text
-//! 0800 0000  1792 KB  the image
-//! 081C 0000   256 KB  the board's own key
+//! 0800 0000  128 KB  boot loader; its last 32 bytes: the key of who makes images
+//! 0802 0000  896 KB  image A
+//! 0810 0000  768 KB  image B
+//! 081C 0000  256 KB  the board's own key, and which image counts
 //! ```
+//!
+//! Without a boot loader one image has all but the last part. That has two sectors, as many as a journal must have, so that
+//! one is erased while the other has the newest entry; a second journal would cost image B its room.
 //!
 //! This flash has words of 32 bytes, each with a check value (ECC). A word is programmed once behind an erasure: the
 //! journal's promise ([`Flash`]). What a power cut has torn may have a wrong check value, and to read that is a fault of the
@@ -13,8 +18,10 @@
 //! is asked whether the word was damaged (RM0433, FLASH, error code correction: DBECCERR). **A damaged word reads as zeros**, which no
 //! entry's, header's or image's own check takes for right. One whose single wrong bit was mended is read as it was.
 //!
-//! The flash has two banks, and one can be read while the other is written: an image in bank 1 goes on while its key
-//! is, which is in bank 2, and interrupts come. A sector is erased in one second, two at most (DS12110, flash memory).
+//! The flash has two banks of eight sectors, and one can be read while the other is written: either image goes on, and
+//! interrupts come, while the other one is. The last part is of image B's bank: that one stands still for the
+//! milliseconds in which an image is marked for trial or confirmed, and once in some 800 starts while that erases a sector. A sector
+//! is erased in one second, two at most (DS12110, flash memory).
 //!
 //! # Limitations
 //!
@@ -28,7 +35,7 @@ use embassy_stm32::pac::flash::Bank;
 use umi_core::journal::{Flash, Geometry};
 
 /// Where the flash begins.
-const BASE: u32 = 0x0800_0000;
+pub const BASE: u32 = 0x0800_0000;
 /// What is erased at once.
 pub const SECTOR_BYTES: u32 = 128 * 1024;
 /// Sectors of a bank, of which there are two.
@@ -36,12 +43,12 @@ const BANK_SECTORS: u32 = 8;
 /// What is programmed at once.
 const WORD: usize = 32;
 
-/// The board's key: what the linker keeps free (`memory.x`).
-pub const KEY: FlashPlace = FlashPlace {
+/// The board's key, and which image counts: what the linker keeps free (flash-*.x).
+pub const KEPT: FlashPlace = FlashPlace {
     first: 14,
     sectors: 2,
 };
-const _: () = assert!(KEY.first + KEY.sectors as u32 == 2 * BANK_SECTORS);
+const _: () = assert!(KEPT.end() == 2 * BANK_SECTORS);
 
 /// Some sectors.
 #[derive(Clone, Copy)]
@@ -50,6 +57,13 @@ pub struct FlashPlace {
     pub first: u32,
     /// How many.
     pub sectors: u16,
+}
+
+impl FlashPlace {
+    /// The first sector behind it.
+    pub const fn end(self) -> u32 {
+        self.first + self.sectors as u32
+    }
 }
 
 /// Why the flash refuses.

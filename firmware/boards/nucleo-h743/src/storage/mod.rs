@@ -1,9 +1,15 @@
 //! Journal, evidence, settings, part programs, configuration and the keys of people: areas of a serial NOR flash
-//! of their own. The board's own key stands in the chip's own flash ([`chip_flash`]).
+//! of their own. The board's own key stands in the chip's own flash, and so do signed images ([`chip_flash`]).
 
 pub mod chip_flash;
+#[cfg(feature = "update")]
+pub mod images;
 pub mod noise;
 pub mod owner;
+mod part;
+#[cfg(feature = "update")]
+#[path = "../../../common/updates.rs"]
+pub mod updates;
 
 use embassy_stm32::gpio::Output;
 use embassy_stm32::mode::Blocking;
@@ -12,13 +18,13 @@ use embassy_stm32::spi::mode::Master;
 use embassy_time::Delay;
 use embedded_hal_bus::spi::ExclusiveDevice;
 use static_cell::StaticCell;
-use umi_drivers::spi_nor::{self, SectorSize, Shared, SpiNor, Wanted};
+use umi_drivers::spi_nor::{SectorSize, Shared, SpiNor, Wanted};
 use umi_protocol::message::MAX_RECORD;
+
+pub use part::Part;
 
 /// The chip on its line.
 pub type Device = ExclusiveDevice<Spi<'static, Blocking, Master>, Output<'static>, Delay>;
-/// An area of the chip, or what answers in its place where there is no chip.
-pub type Part = spi_nor::Area<'static, Device, Delay>;
 
 /// Job and taught reference.
 const SETTINGS: Wanted = Wanted {
@@ -85,7 +91,7 @@ pub fn open(device: Device) -> Result<Storage, &'static str> {
         journal_of(flash.capacity_bytes(), &others),
     ];
     let areas = flash.areas(wanted).map_err(|fault| fault.code())?;
-    let [settings, programs, custody, access, evidence, journal] = areas;
+    let [settings, programs, custody, access, evidence, journal] = areas.map(Part::Serial);
     Ok(Storage {
         journal,
         evidence,

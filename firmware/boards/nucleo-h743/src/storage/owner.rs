@@ -13,7 +13,7 @@ use umi_app::measure::trust::heads::HeadSigner;
 use umi_core::trust::board_key::BoardKey;
 use umi_core::units::Micros;
 
-use super::chip_flash::{ChipFlash, KEY};
+use super::chip_flash::{ChipFlash, KEPT};
 use super::{Part, noise};
 use crate::resources::CORE_HZ;
 
@@ -39,16 +39,19 @@ fn jumper_is_closed() -> bool {
 
 /// Takes up the board's key, or draws one at the first start; none: the board signs nothing and cannot
 /// be claimed. To be called once, before anything that cannot wait: now and then a sector is erased, for two seconds.
-pub fn signer() -> Option<&'static HeadSigner> {
-    static SIGNING: StaticCell<HeadSigner> = StaticCell::new();
-    match BoardKey::open(ChipFlash::new(KEY), noise::draw) {
-        // Its image was not signed.
-        Ok(key) => Some(SIGNING.init(HeadSigner::new(key, [0; 32]))),
-        Err(_) => {
-            defmt::error!("the board has no key: it signs nothing");
-            None
-        }
+pub fn board_key() -> Option<BoardKey> {
+    let opened = BoardKey::open(ChipFlash::new(KEPT), noise::draw);
+    if opened.is_err() {
+        defmt::error!("the board has no key: it signs nothing");
     }
+    opened.ok()
+}
+
+/// What signs by this key. To be called once.
+/// `image` is the first half of the SHA-512 of the signed image that runs; zeros: it was not signed.
+pub fn signer(key: Option<BoardKey>, image: [u8; 32]) -> Option<&'static HeadSigner> {
+    static SIGNING: StaticCell<HeadSigner> = StaticCell::new();
+    key.map(|key| &*SIGNING.init(HeadSigner::new(key, image)))
 }
 
 /// The keys of people.

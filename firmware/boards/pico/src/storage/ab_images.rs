@@ -24,10 +24,10 @@ use embassy_rp::peripherals::FLASH;
 use embassy_rp::{Peri, pac, rom_data};
 use umi_core::trust::access::update::slots::boot_rom::{Onwards, RomStart};
 use umi_core::trust::access::update::slots::{ImageKind, Slots, UpdateError};
-use umi_protocol::update::ImagePlace;
+use umi_protocol::update::{ImagePlace, ImageVersion};
 
+use super::Part;
 use super::chip_flash::{ChipFlash, FlashPlace, KEY, SECTOR_BYTES, maker};
-use super::{FoundImages, Part};
 use crate::safety::guard;
 
 /// The partition table, and room for a second one.
@@ -62,6 +62,9 @@ const KIND: ImageKind = ImageKind {
 /// Where the maker's key stands in an image: within what the ROM's seal covers, before the code (link/flash-rp2350-ab.x).
 const MAKER: u32 = 0x200 - 32;
 
+/// The images, with the version of one whose trial was given up.
+type FoundImages = (Result<Slots<Part>, UpdateError>, Option<ImageVersion>);
+
 /// The images; none: this one may not run here.
 pub fn take_over(flash: &Peri<'static, FLASH>) -> Option<FoundImages> {
     let taken = started().and_then(|rom| {
@@ -70,17 +73,11 @@ pub fn take_over(flash: &Peri<'static, FLASH>) -> Option<FoundImages> {
         Ok((slots, onwards))
     });
     match taken {
-        Ok((slots, Onwards::Runs { reverted })) => Some(FoundImages {
-            slots: Some(slots),
-            reverted,
-        }),
+        Ok((slots, Onwards::Runs { reverted })) => Some((Ok(slots), reverted)),
         Ok((_, Onwards::Try(place))) => start_on_trial(place),
         Ok((_, Onwards::Restart)) => guard::reset_now(),
         Ok((_, Onwards::Stop)) => None,
-        Err(_) => Some(FoundImages {
-            slots: None,
-            reverted: None,
-        }),
+        Err(error) => Some((Err(error), None)),
     }
 }
 

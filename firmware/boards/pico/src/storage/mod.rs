@@ -17,6 +17,7 @@ mod images;
 pub mod noise;
 pub mod owner;
 #[cfg(feature = "update")]
+#[path = "../../../common/updates.rs"]
 pub mod updates;
 
 use core::convert::Infallible;
@@ -29,13 +30,11 @@ use embassy_time::Delay;
 use embedded_hal_bus::spi::{DeviceError, ExclusiveDevice};
 use static_cell::StaticCell;
 use umi_core::journal::{Flash, Geometry};
-#[cfg(feature = "update")]
-use umi_core::trust::access::update::slots::Slots;
 use umi_drivers::spi_nor::{self, FlashFault, SectorSize, SpiNor, Wanted};
-#[cfg(feature = "update")]
-use umi_protocol::update::ImageVersion;
 
 use crate::storage::flash_line::FlashLine;
+#[cfg(feature = "update")]
+use crate::storage::updates::RunningImage;
 
 /// Clock of the line: any W25Q reads so fast with its slow command.
 const SPI_HZ: u32 = 32_000_000;
@@ -88,13 +87,19 @@ pub enum Part {
     Chip(chip_flash::ChipFlash),
 }
 
-/// Signed images, as this start has found them.
-#[cfg(feature = "update")]
-struct FoundImages {
-    /// None: they cannot be read, and none is taken.
-    slots: Option<Slots<Part>>,
-    /// The version of one whose trial was given up.
-    reverted: Option<ImageVersion>,
+/// The image that runs, as a boot loader has started it: before anything that cannot wait.
+#[cfg(all(feature = "update", not(feature = "slot-ab")))]
+pub fn running_image(flash: &Peri<'static, FLASH>) -> Option<RunningImage> {
+    let reverted = images::take_reverted();
+    let slots = images::open(flash, Part::Chip).and_then(updates::found);
+    Some(updates::running(slots, reverted))
+}
+
+/// The same, as the boot ROM has started it. None: this image may not run.
+#[cfg(feature = "slot-ab")]
+pub fn running_image(flash: &Peri<'static, FLASH>) -> Option<RunningImage> {
+    let (slots, reverted) = ab_images::take_over(flash)?;
+    Some(updates::running(slots, reverted))
 }
 
 /// What is there after the start.

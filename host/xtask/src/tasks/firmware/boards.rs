@@ -140,6 +140,34 @@ pub const BOARDS: &[Board] = &[
         },
         only: None,
     },
+    // What `cargo xtask firmware nucleo-h743 --sign` makes one file of.
+    Board {
+        name: "nucleo-h743-boot",
+        package: "umi-nucleo-h743",
+        features: Some("boot"),
+        target: "thumbv7em-none-eabihf",
+        cpu: Some("cortex-m7"),
+        flashing: Flashing::Signed,
+        only: Some("boot"),
+    },
+    Board {
+        name: "nucleo-h743-a",
+        package: "umi-nucleo-h743",
+        features: Some("slot-a"),
+        target: "thumbv7em-none-eabihf",
+        cpu: Some("cortex-m7"),
+        flashing: Flashing::Signed,
+        only: Some("umi-nucleo-h743"),
+    },
+    Board {
+        name: "nucleo-h743-b",
+        package: "umi-nucleo-h743",
+        features: Some("slot-b"),
+        target: "thumbv7em-none-eabihf",
+        cpu: Some("cortex-m7"),
+        flashing: Flashing::Signed,
+        only: Some("umi-nucleo-h743"),
+    },
 ];
 
 /// The board of this name, or what names there are.
@@ -224,7 +252,10 @@ mod tests {
                 "pico-b",
                 "pico2",
                 "pico2-ab",
-                "nucleo-h743"
+                "nucleo-h743",
+                "nucleo-h743-boot",
+                "nucleo-h743-a",
+                "nucleo-h743-b"
             ]
         );
         assert_eq!(select(&["pico".into()]).unwrap()[0].package, "umi-pico");
@@ -254,6 +285,6 @@ mod tests {
             ]
         );
         assert!(select_images(&["selftest-pico3".into()]).is_err());
-        assert_eq!(select_images(&[]).unwrap().len(), 8);
+        assert_eq!(select_images(&[]).unwrap().len(), 11);
     }
 }

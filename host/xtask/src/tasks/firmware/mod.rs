@@ -19,7 +19,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Context as _, Result, bail, ensure};
+use anyhow::{Context as _, Result, ensure};
 use imagecheck::load;
 
 use self::boards::{Board, Flashing, Wanted};
@@ -36,7 +36,7 @@ use crate::workspace::{Workspace, execute};
 /// target/firmware/debian.
 #[derive(clap::Args, Default)]
 #[command(
-    after_help = "Examples:\n  cargo xtask firmware                # every board\n  cargo xtask firmware pico nucleo-h743   # these\n  cargo xtask firmware --sign fw          # a Pico that takes only what the key `fw` has signed\n  cargo xtask firmware pico2 --sign fw    # the same for a Pico 2, whose boot ROM does the rest\n  cargo xtask firmware selftest-pico      # the image that tests a Pico, and how it gets there"
+    after_help = "Examples:\n  cargo xtask firmware                # every board\n  cargo xtask firmware pico nucleo-h743   # these\n  cargo xtask firmware --sign fw          # a Pico that takes only what the key `fw` has signed\n  cargo xtask firmware nucleo-h743 --sign fw   # a Nucleo\n  cargo xtask firmware pico2 --sign fw    # a Pico 2, whose boot ROM does the rest\n  cargo xtask firmware selftest-pico      # the image that tests a Pico, and how it gets there"
 )]
 pub(crate) struct Arguments {
     /// The boards, or `selftest-` and a board for its self-test alone; all boards if none is
@@ -45,10 +45,11 @@ pub(crate) struct Arguments {
     /// The compiler to use, rather than the first that is installed.
     #[arg(long)]
     toolchain: Option<Toolchain>,
-    /// Builds the Pico with its boot loader, and signs its images by this secret key (`umi key new`):
-    /// pico-signed.uf2 for a new board, pico-a.umif and pico-b.umif for `umi update`. The key beside it,
-    /// KEY.pub, goes into the boot loader. The Pico 2, where it is named: pico2-signed.uf2 and pico2.umif, sealed for
-    /// its boot ROM by KEY.boot.pem, which is made where there is none; pico2-otp.json for the fuses, which nothing burns.
+    /// Builds the Pico, or nucleo-h743, with its boot loader, and signs its images by this secret key (`umi
+    /// key new`): pico-signed.uf2 or nucleo-h743-signed.bin for a new board, BOARD-a.umif and BOARD-b.umif
+    /// for `umi update`. The key beside it, KEY.pub, goes into the boot loader. The Pico 2, where it is named:
+    /// pico2-signed.uf2 and pico2.umif, sealed for its boot ROM by KEY.boot.pem, which is made where there is none;
+    /// pico2-otp.json for the fuses, which nothing burns.
     #[arg(long, value_name = "KEY")]
     sign: Option<PathBuf>,
     /// The security counter of signed images: raise it where what came before must never run again.
@@ -71,13 +72,17 @@ pub(crate) struct Image {
 /// Builds what the arguments name.
 pub fn run(workspace: &Workspace, arguments: &Arguments) -> Result<()> {
     if let Some(key) = &arguments.sign {
-        let sign = match &arguments.boards[..] {
-            [] => signed::run,
-            [board] if board == "pico" => signed::run,
-            [board] if board == "pico2" => sealed::run,
-            _ => bail!("signed images are for one board, which is `pico` or `pico2`"),
-        };
-        return sign(workspace, key, arguments.counter, arguments.toolchain);
+        if arguments.boards == ["pico2"] {
+            return sealed::run(workspace, key, arguments.counter, arguments.toolchain);
+        }
+        let board = signed::find(&arguments.boards)?;
+        return signed::run(
+            workspace,
+            board,
+            key,
+            arguments.counter,
+            arguments.toolchain,
+        );
     }
     let wanted = boards::select_images(&arguments.boards)?;
     let images = build_images(workspace, &wanted, arguments.toolchain)?.images;
@@ -255,8 +260,10 @@ fn forms(workspace: &Workspace, image: &Image) -> String {
 /// Holds clippy's lints in the package of every board.
 pub fn lint(workspace: &Workspace) -> Result<()> {
     let toolchain = toolchain::choose(workspace, None)?;
-    // The same code as at place A.
-    let boards = boards::BOARDS.iter().filter(|board| board.name != "pico-b");
+    // At place B is the same code as at place A.
+    let boards = boards::BOARDS
+        .iter()
+        .filter(|board| !board.name.ends_with("-b"));
     for board in boards {
         let mut command = cargo(workspace, toolchain, Verb::Clippy, board)?;
         if let Some(binary) = board.only {

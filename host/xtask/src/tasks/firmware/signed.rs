@@ -1,12 +1,13 @@
-//! A Pico that takes only what its maker has signed: boot loader, key and images in the forms that people use.
+//! Boards that take only what their maker has signed: boot loader, key and images in the forms that people use.
 //!
 //! ```text
-//! pico-signed.uf2   for a new board, to its BOOTSEL drive: boot loader with the maker's key, image A, nothing else
-//! pico-a.umif       the images for `umi update`, each for the place that it is linked for
-//! pico-b.umif
+//! pico-signed.uf2          for a new board, to its BOOTSEL drive: boot loader with the maker's key, image A, nothing else
+//! nucleo-h743-signed.bin   the same through a debug probe
+//! BOARD-a.umif             the images for `umi update`, each for the place that it is linked for
+//! BOARD-b.umif
 //! ```
 //!
-//! Where the parts stand is drawn in `firmware/boards/pico/src/storage/chip_flash.rs`.
+//! Where the parts stand is drawn in `firmware/boards/BOARD/src/storage/chip_flash.rs`.
 
 use std::fs;
 use std::path::Path;
@@ -20,37 +21,97 @@ use super::{Built, boards, build, folder, read, sums, toolchain, uf2};
 use crate::console;
 use crate::workspace::{Workspace, execute, output};
 
-const FLASH: u32 = 0x1000_0000;
-/// The boot loader's last bytes.
-const KEY: u32 = FLASH + 0x1_0000 - 32;
-/// Which image counts: erased on a new board.
-const STATE: u32 = FLASH + 0x1_0000;
-const STATE_BYTES: usize = 0x4000;
-/// The images' places.
-const PLACES: [u32; 2] = [FLASH + 0x1_4000, FLASH + 0x10_8000];
-const SECTOR: usize = 4096;
-/// Bytes of a header, and of what comes before the code.
+/// A board with a boot loader of this project.
+#[derive(Debug)]
+pub(super) struct SignedBoard {
+    /// What it is called here.
+    name: &'static str,
+    /// Its boot loader, and its images at the two places.
+    images: [&'static str; 3],
+    /// Where its flash begins.
+    flash: u32,
+    /// The boot loader's last bytes, for the maker's key.
+    key: u32,
+    /// What is erased of a new board but for its second place: where and how many bytes.
+    erased: Option<(u32, usize)>,
+    /// The images' places.
+    places: [u32; 2],
+    /// What is erased at once.
+    sector: u32,
+    /// Bytes of a place before the code.
+    before_code: u32,
+    /// How the whole gets into it.
+    form: Form,
+}
+
+/// How the whole gets into a board.
+#[derive(Debug)]
+enum Form {
+    /// To a drive.
+    Uf2(uf2::Family),
+    /// Through a debug probe.
+    Probe,
+}
+
+pub(super) const PICO: SignedBoard = SignedBoard {
+    name: "pico",
+    images: ["pico-boot", "pico-a", "pico-b"],
+    flash: 0x1000_0000,
+    key: 0x1001_0000 - 32,
+    // Which image counts.
+    erased: Some((0x1001_0000, 0x4000)),
+    places: [0x1001_4000, 0x1010_8000],
+    sector: 4096,
+    before_code: 256,
+    form: Form::Uf2(uf2::Family::Rp2040),
+};
+
+const NUCLEO: SignedBoard = SignedBoard {
+    name: "nucleo-h743",
+    images: ["nucleo-h743-boot", "nucleo-h743-a", "nucleo-h743-b"],
+    flash: 0x0800_0000,
+    key: 0x0802_0000 - 32,
+    // Which image counts stands beside the board's own key, which stays.
+    erased: None,
+    places: [0x0802_0000, 0x0810_0000],
+    sector: 0x2_0000,
+    before_code: 1024,
+    form: Form::Probe,
+};
+
+/// Bytes of a header.
 const HEADER: u32 = 192;
-const BEFORE_CODE: u32 = 256;
+
+/// The board of this name; the Pico, where none is named.
+pub(super) fn find(names: &[String]) -> Result<&'static SignedBoard> {
+    let boards = [&PICO, &NUCLEO];
+    let found = match names {
+        [] => Some(&PICO),
+        [name] => boards.into_iter().find(|board| board.name == name),
+        _ => None,
+    };
+    found.context("one of pico and nucleo-h743: these have a boot loader that takes signed images")
+}
 
 /// Builds, signs and writes them.
 pub fn run(
     workspace: &Workspace,
+    board: &SignedBoard,
     key: &Path,
     counter: u32,
     asked: Option<Toolchain>,
 ) -> Result<()> {
     let public = public_key(workspace, key)?;
-    let names = ["pico-boot", "pico-a", "pico-b"].map(boards::find);
-    let boards = names.into_iter().collect::<Result<Vec<_>>>()?;
+    let boards = board.images.into_iter().map(boards::find);
+    let boards = boards.collect::<Result<Vec<_>>>()?;
     let Built { images, .. } = build(workspace, &boards, asked)?;
     let folder = folder(workspace, toolchain::choose(workspace, asked)?);
     let [loader, images @ ..] = &images[..] else {
         anyhow::bail!("nothing was built");
     };
     let mut signed = Vec::new();
-    for (image, place) in images.iter().zip(PLACES) {
-        let payload = payload(&read(&image.elf)?, place)?;
+    for (image, place) in images.iter().zip(board.places) {
+        let payload = payload(&read(&image.elf)?, place, board.before_code)?;
         let bare = image.elf.with_extension("payload");
         fs::write(&bare, payload).with_context(|| format!("cannot write {}", bare.display()))?;
         let file = image.elf.with_extension("umif");
@@ -60,8 +121,15 @@ pub fn run(
     }
     let loader = read(&loader.elf)?;
     let image = read(&signed[0])?;
-    let whole = folder.join("pico-signed.uf2");
-    let bytes = new_board(&loader, public, &image)?;
+    let (end, how) = match board.form {
+        Form::Uf2(_) => ("uf2", "copy it to the BOOTSEL drive"),
+        Form::Probe => (
+            "bin",
+            "probe-rs download --chip STM32H743ZITx --binary-format bin --base-address 0x08000000",
+        ),
+    };
+    let whole = folder.join(format!("{}-signed.{end}", board.name));
+    let bytes = new_board(board, &loader, public, &image)?;
     fs::write(&whole, &bytes).with_context(|| format!("cannot write {}", whole.display()))?;
     [&whole, &signed[0], &signed[1]]
         .into_iter()
@@ -69,18 +137,14 @@ pub fn run(
     let mut rows = vec![["file", "bytes", "what to do with it"].map(String::from)];
     let for_updates = "for a board that runs the other one: umi update";
     let shown = [
-        (&whole, "for a new board: copy it to the BOOTSEL drive"),
-        (&signed[0], for_updates),
-        (&signed[1], for_updates),
+        (&whole, format!("for a new board: {how}")),
+        (&signed[0], for_updates.to_owned()),
+        (&signed[1], for_updates.to_owned()),
     ];
     for (file, what) in shown {
         let short = file.strip_prefix(&workspace.root).unwrap_or(file);
         let bytes = fs::metadata(file)?.len();
-        rows.push([
-            short.display().to_string(),
-            bytes.to_string(),
-            what.to_owned(),
-        ]);
+        rows.push([short.display().to_string(), bytes.to_string(), what]);
     }
     console::rows(&rows);
     Ok(())
@@ -117,14 +181,14 @@ fn public(digits: &str) -> Option<[u8; 32]> {
 }
 
 /// What stands behind the header: to the vectors, and the code.
-fn payload(elf: &[u8], place: u32) -> Result<Vec<u8>> {
+fn payload(elf: &[u8], place: u32, before_code: u32) -> Result<Vec<u8>> {
     let parts = load::parts(elf)?;
     let first = parts.iter().map(|part| part.address).min();
     ensure!(
-        first == Some(place + BEFORE_CODE),
+        first == Some(place + before_code),
         "the image is not linked for its place"
     );
-    let mut bytes = vec![0xFF; (BEFORE_CODE - HEADER) as usize];
+    let mut bytes = vec![0xFF; (before_code - HEADER) as usize];
     bytes.extend(load::flat(&parts));
     Ok(bytes)
 }
@@ -149,32 +213,54 @@ pub(super) fn sign(
     execute(&mut command)
 }
 
-/// The file for a new board: what was there of images before counts no more.
-fn new_board(loader: &[u8], public: [u8; 32], image: &[u8]) -> Result<Vec<u8>> {
-    let erased = [0xFF; STATE_BYTES];
+/// The file for a new board: an image that was at its second place counts no more.
+fn new_board(
+    board: &SignedBoard,
+    loader: &[u8],
+    public: [u8; 32],
+    image: &[u8],
+) -> Result<Vec<u8>> {
     let mut parts = load::parts(loader)?;
     ensure!(
         parts
             .iter()
-            .all(|part| part.address as usize + part.bytes.len() <= KEY as usize),
+            .all(|part| part.address as usize + part.bytes.len() <= board.key as usize),
         "the boot loader is longer than its place"
     );
+    let [a, b] = board.places;
     let part = |address, bytes| LoadPart { address, bytes };
-    parts.push(part(KEY, &public));
-    parts.push(part(STATE, &erased));
-    parts.push(part(PLACES[0], image));
-    parts.push(part(PLACES[1], &erased[..SECTOR]));
-    Ok(uf2::write(&parts, uf2::Family::Rp2040))
+    let no_image = vec![0xFF; board.sector as usize];
+    let erased = board.erased.map(|(at, count)| (at, vec![0xFF; count]));
+    parts.push(part(board.key, &public));
+    if let Some((at, bytes)) = &erased {
+        parts.push(part(*at, bytes));
+    }
+    parts.push(part(a, image));
+    parts.push(part(b, &no_image));
+    Ok(match board.form {
+        Form::Uf2(family) => uf2::write(&parts, family),
+        Form::Probe => flat(board.flash, &parts),
+    })
+}
+
+/// The flash from its start to the last part, erased between the parts.
+fn flat(from: u32, parts: &[LoadPart<'_>]) -> Vec<u8> {
+    let mut flat = Vec::new();
+    for part in parts {
+        flat.resize((part.address - from) as usize, 0xFF);
+        flat.extend_from_slice(part.bytes);
+    }
+    flat
 }
 
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
 
-    const BOARD: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../firmware/boards/pico/");
+    const BOARDS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../firmware/boards/");
 
-    pub(in crate::tasks::firmware) fn text(file: &str) -> String {
-        fs::read_to_string(Path::new(BOARD).join(file)).unwrap()
+    pub(in crate::tasks::firmware) fn text(board: &SignedBoard, file: &str) -> String {
+        fs::read_to_string(Path::new(BOARDS).join(board.name).join(file)).unwrap()
     }
 
     /// A number as linker scripts and these sources write it: `0x100`, `976K`, `2_048`.
@@ -192,8 +278,12 @@ pub(super) mod tests {
     }
 
     /// Where a linker script puts a memory: from, length.
-    pub(in crate::tasks::firmware) fn memory(file: &str, name: &str) -> (u32, u32) {
-        let script = text(file);
+    pub(in crate::tasks::firmware) fn memory(
+        board: &SignedBoard,
+        file: &str,
+        name: &str,
+    ) -> (u32, u32) {
+        let script = text(board, file);
         let start = format!("{name} : ORIGIN = ");
         let line = script.split_once(&start).unwrap().1.lines().next().unwrap();
         let (origin, length) = line.split_once(", LENGTH = ").unwrap();
@@ -204,8 +294,8 @@ pub(super) mod tests {
     }
 
     /// The sectors of the places in the firmware's source, in the order in which it names them.
-    pub(in crate::tasks::firmware) fn sectors(file: &str) -> Vec<u32> {
-        let source = text(file);
+    pub(in crate::tasks::firmware) fn sectors(board: &SignedBoard, file: &str) -> Vec<u32> {
+        let source = text(board, file);
         let lines = source.lines().map(str::trim);
         let sectors = lines.filter_map(|line| line.strip_prefix("sectors: ")?.strip_suffix(','));
         // A declaration names a type, no number.
@@ -218,44 +308,99 @@ pub(super) mod tests {
     fn the_places_are_those_of_the_firmware_and_of_the_linker() {
         let kilobyte = 1024;
         // In the firmware: the loader, what counts, two images, one behind the other; then the board's key.
-        let [loader, state, a, b] = sectors("src/storage/images.rs")[..] else {
+        let [loader, state, a, b] = sectors(&PICO, "src/storage/images.rs")[..] else {
             panic!("four places");
         };
-        let sector = SECTOR as u32;
-        let chip = text("src/storage/chip_flash.rs");
-        assert!(chip.contains(&format!("SECTOR_BYTES: u32 = {SECTOR};")));
+        let sector = PICO.sector;
+        let chip = text(&PICO, "src/storage/chip_flash.rs");
+        assert!(chip.contains(&format!("SECTOR_BYTES: u32 = {sector};")));
         assert!(chip.contains("const CHIP_BYTES: usize = 2 * 1024 * 1024;"));
-        let [key] = sectors("src/storage/chip_flash.rs")[..] else {
+        let [key] = sectors(&PICO, "src/storage/chip_flash.rs")[..] else {
             panic!("one place");
         };
-        assert_eq!(FLASH + loader * sector, STATE);
-        assert_eq!(KEY, STATE - 32);
-        assert_eq!(STATE_BYTES as u32, state * sector);
-        assert_eq!(PLACES[0], STATE + state * sector);
-        assert_eq!(PLACES[1], PLACES[0] + a * sector);
-        let end = PLACES[1] + b * sector;
-        assert_eq!(end + key * sector, FLASH + 2048 * kilobyte);
-
-        // For the linker: a boot loader that leaves the key alone, images behind their headers, and nobody in the
-        // place of the board's key.
-        let boot2 = memory("link/flash-boot.x", "BOOT2");
-        let (from, length) = memory("link/flash-boot.x", "FLASH");
-        assert_eq!((boot2.0, from + length), (FLASH, KEY));
-        for (file, place, sectors) in [
-            ("link/flash-slot-a.x", PLACES[0], a),
-            ("link/flash-slot-b.x", PLACES[1], b),
-        ] {
-            let (from, length) = memory(file, "FLASH");
-            assert_eq!(from, place + BEFORE_CODE, "{file}");
-            assert_eq!(from + length, place + sectors * sector, "{file}");
-        }
-        let (from, length) = memory("link/flash-rp2040.x", "FLASH");
+        let state_at = PICO.flash + loader * sector;
+        assert_eq!(PICO.erased, Some((state_at, (state * sector) as usize)));
+        assert_eq!(PICO.places[0], state_at + state * sector);
+        let end = images_stand(&PICO, state_at, [a, b]);
+        assert_eq!(end + key * sector, PICO.flash + 2048 * kilobyte);
+        let boot2 = memory(&PICO, "link/flash-boot.x", "BOOT2");
+        assert_eq!(boot2.0, PICO.flash);
+        let (from, length) = memory(&PICO, "link/flash-rp2040.x", "FLASH");
         assert_eq!(from + length, end);
+    }
+
+    /// The same of the Nucleo, where the images stand behind the loader, and what counts beside the board's key.
+    #[test]
+    fn the_places_of_the_nucleo_are_those_of_the_firmware_and_of_the_linker() {
+        let [loader, a, b] = sectors(&NUCLEO, "src/storage/images.rs")[..] else {
+            panic!("three places");
+        };
+        let [kept] = sectors(&NUCLEO, "src/storage/chip_flash.rs")[..] else {
+            panic!("one place");
+        };
+        let sector = NUCLEO.sector;
+        let chip = text(&NUCLEO, "src/storage/chip_flash.rs");
+        assert!(chip.contains(&format!("SECTOR_BYTES: u32 = {} * 1024;", sector / 1024)));
+        assert_eq!(NUCLEO.places[0], NUCLEO.flash + loader * sector);
+        let end = images_stand(&NUCLEO, NUCLEO.places[0], [a, b]);
+        assert_eq!(end + kept * sector, NUCLEO.flash + 2 * 1024 * 1024);
+        let (from, length) = memory(&NUCLEO, "flash-whole.x", "FLASH");
+        assert_eq!((from, from + length), (NUCLEO.flash, end));
+        // A table of vectors begins at a multiple of its length.
         assert!(
-            text("src/storage/images.rs").contains(&format!("const VECTORS: u32 = {BEFORE_CODE};"))
+            NUCLEO
+                .places
+                .iter()
+                .all(|at| (at + NUCLEO.before_code).is_multiple_of(1024))
         );
-        let update = text("../../../protocol/src/update.rs");
+    }
+
+    /// The images stand one behind the other, each behind its header, and the boot loader before them leaves the maker's
+    /// key alone: where they end.
+    fn images_stand(board: &SignedBoard, behind_loader: u32, sectors: [u32; 2]) -> u32 {
+        let scripts = if board.name == PICO.name { "link/" } else { "" };
+        let (from, length) = memory(board, &format!("{scripts}flash-boot.x"), "FLASH");
+        assert_eq!(from + length, board.key);
+        assert_eq!(board.key, behind_loader - 32);
+        let [a, b] = sectors.map(|of| of * board.sector);
+        assert_eq!(board.places[1], board.places[0] + a);
+        let files = ["flash-slot-a.x", "flash-slot-b.x"];
+        for ((file, place), bytes) in files.into_iter().zip(board.places).zip([a, b]) {
+            let (from, length) = memory(board, &format!("{scripts}{file}"), "FLASH");
+            assert_eq!(from, place + board.before_code, "{file}");
+            assert_eq!(from + length, place + bytes, "{file}");
+        }
+        let images = text(board, "src/storage/images.rs");
+        assert!(images.contains(&format!("const VECTORS: u32 = {};", board.before_code)));
+        let update = text(board, "../../../protocol/src/update.rs");
         assert!(update.contains(&format!("const IMAGE_HEADER: usize = {HEADER};")));
+        for (name, place) in board.images[1..].iter().zip(["a", "b"]) {
+            assert_eq!(*name, format!("{}-{place}", board.name));
+            assert!(images.contains(&format!("\"{name}\"")));
+        }
+        board.places[1] + b
+    }
+
+    /// Between the parts of a flat file the flash is erased.
+    #[test]
+    fn a_flat_file_is_erased_between_its_parts() {
+        let part = |address, bytes| LoadPart { address, bytes };
+        let parts = [part(0x101, &[1, 2][..]), part(0x106, &[3])];
+        let flat = flat(0x100, &parts);
+        assert_eq!(flat, [0xFF, 1, 2, 0xFF, 0xFF, 0xFF, 3]);
+    }
+
+    /// Without a name it is the Pico; of the others only those with a boot loader are found.
+    #[test]
+    fn boards_with_a_boot_loader() {
+        let named = |names: &[&str]| {
+            let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+            find(&names).map(|board| board.name).ok()
+        };
+        assert_eq!(named(&[]), Some("pico"));
+        assert_eq!(named(&["nucleo-h743"]), Some("nucleo-h743"));
+        assert_eq!(named(&["pico2"]), None);
+        assert_eq!(named(&["pico", "nucleo-h743"]), None);
     }
 
     /// A key is 32 bytes, and nothing else.

@@ -36,6 +36,8 @@ mod memory;
 mod past;
 #[path = "../../ports/mod.rs"]
 mod ports;
+#[path = "../../ram_note.rs"]
+mod ram_note;
 #[path = "../../reset.rs"]
 mod reset;
 #[path = "../../resources.rs"]

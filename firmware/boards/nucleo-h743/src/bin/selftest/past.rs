@@ -5,7 +5,7 @@ use embassy_stm32::peripherals::IWDG1;
 use embassy_stm32::wdg::IndependentWatchdog;
 use umi_protocol::message::ResetReason;
 
-use crate::reset::{self, Kept, nothing_kept};
+use crate::ram_note::{RamNote, keep, kept, nothing_kept};
 use crate::resources::WATCHDOG_US;
 
 /// Says that the rest of the number is ours.
@@ -25,7 +25,7 @@ const PLANNED: u64 = 3;
 /// In RAM that a reset leaves: the mark, what was noted, and how often the board has started behind the
 /// first time.
 #[unsafe(link_section = ".uninit.PAST")]
-static PAST: Kept = nothing_kept();
+static PAST: RamNote = nothing_kept();
 
 /// What is known of the starts so far.
 #[derive(Clone, Copy)]
@@ -45,7 +45,7 @@ pub struct Past {
 /// guarded by now.
 #[allow(clippy::panic, reason = "on purpose")]
 pub fn go_through(reason: ResetReason, watchdog: Peri<'static, IWDG1>) -> Past {
-    let kept = reset::kept(&PAST);
+    let kept = kept(&PAST);
     let is_first = matches!(
         reason,
         ResetReason::PowerOn | ResetReason::BrownOut | ResetReason::Pin
@@ -64,7 +64,7 @@ pub fn go_through(reason: ResetReason, watchdog: Peri<'static, IWDG1>) -> Past {
         PLANNED if is_noted => noted |= OVERFLOW,
         _ => {}
     }
-    reset::keep(&PAST, OURS | noted | starts);
+    keep(&PAST, OURS | noted | starts);
     match starts {
         0 => panic!("on purpose"),
         1 => cortex_m::asm::udf(),

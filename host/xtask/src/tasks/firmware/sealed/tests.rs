@@ -4,6 +4,7 @@ use super::*;
 use num_bigint::BigUint;
 use sha2::{Digest as _, Sha256};
 
+use crate::tasks::firmware::signed::PICO;
 use crate::tasks::firmware::signed::tests::{memory, number, sectors, text};
 
 /// A key, the same for all tests.
@@ -307,14 +308,14 @@ fn versions_keep_their_order() {
 /// key behind, and none in another; the linker keeps an image within one.
 #[test]
 fn the_places_are_those_of_the_firmware_and_of_the_linker() {
-    let [tables, state, a, b] = sectors("src/storage/ab_images.rs")[..] else {
+    let [tables, state, a, b] = sectors(&PICO, "src/storage/ab_images.rs")[..] else {
         panic!("four places");
     };
     assert_eq!([tables, state], [TABLES.sectors, STATE.sectors]);
     assert_eq!([a, b], PLACES.map(|of| of.sectors));
-    let chip = text("src/storage/chip_flash.rs");
+    let chip = text(&PICO, "src/storage/chip_flash.rs");
     assert!(chip.contains("const CHIP_BYTES: usize = 4 * 1024 * 1024;"));
-    let [key_sectors] = sectors("src/storage/chip_flash.rs")[..] else {
+    let [key_sectors] = sectors(&PICO, "src/storage/chip_flash.rs")[..] else {
         panic!("one place");
     };
     assert_eq!(PLACES[1].end() + key_sectors * SECTOR, 4 * 1024 * 1024);
@@ -322,13 +323,13 @@ fn the_places_are_those_of_the_firmware_and_of_the_linker() {
     for pair in all.windows(2) {
         assert_eq!(pair[0].end(), pair[1].from);
     }
-    let (from, length) = memory("link/flash-rp2350-ab.x", "FLASH");
+    let (from, length) = memory(&PICO, "link/flash-rp2350-ab.x", "FLASH");
     assert_eq!(from, FLASH + CODE as u32);
     assert_eq!(
         length as usize,
         (PLACES[0].sectors * SECTOR) as usize - CODE
     );
-    let source = text("src/storage/ab_images.rs");
+    let source = text(&PICO, "src/storage/ab_images.rs");
     let maker = source.split_once("const MAKER: u32 = ").unwrap().1;
     let (at, less) = maker.split_once(';').unwrap().0.split_once(" - ").unwrap();
     assert_eq!((number(at) - number(less)) as usize, MAKER);
