@@ -143,9 +143,12 @@ impl ScanQuestion<'_> {
                 };
                 let task = self.task(part, &others, groups);
                 let mut located = each::find(&task, &all)?;
-                let sizes = found.iter().flat_map(|found| &found.located.reasons);
-                let sizes = sizes.filter(|reason| reason.code == "wrong_radius");
-                located.reasons.extend(sizes.cloned());
+                // What is wrong with a single scan's place several scans tell by each other.
+                let is_alone = self.scans.len() == 1;
+                let counts = |code| code == "wrong_radius" || is_alone && code == "one_fiducial";
+                let reasons = found.iter().flat_map(|found| &found.located.reasons);
+                let reasons = reasons.filter(|reason| counts(reason.code));
+                located.reasons.extend(reasons.cloned());
                 located
             }
             None => found.swap_remove(0).located,

@@ -23,6 +23,8 @@ pub mod updates;
 use core::convert::Infallible;
 
 use embassy_rp::gpio::{Level, Output};
+#[cfg(feature = "update")]
+use embassy_rp::peripherals::FLASH;
 use embassy_rp::peripherals::{PIN_4, PIN_5, PIN_6, PIN_7, SPI0};
 use embassy_rp::spi::{Config, Spi};
 use embassy_rp::{Peri, spi};

@@ -5,6 +5,7 @@ use nalgebra::Matrix6;
 use super::super::fit::{self, INLIER};
 use super::super::search::scene;
 use super::super::uncertainty::{Group, Groups, certainty, turning};
+use super::super::verdict::symmetry;
 use super::super::{Chosen, Located, degenerate, verdict_reasons};
 use super::adjust::Seen;
 use super::balls::radius_seen;
@@ -122,6 +123,52 @@ impl Bodies {
             .zip(task.fiducials)
             .map(|(own, f)| own.on.len() >= LEAST_POINTS && own.holds(&f.shape))
             .collect()
+    }
+
+    /// Refuses a body that stands alone where the file has others beside it, and nothing is seen of these at their places:
+    /// three faces that meet are found on tables, boxes and other fiducials as well. Its number, if something is seen.
+    fn one_of_several(
+        &self,
+        task: &FiducialTask<'_>,
+        standing: &[bool],
+        measured: &[Measured],
+        motion: &Pose,
+        sigma: f64,
+    ) -> Result<Option<usize>, ScanError> {
+        let mut stand = (0..standing.len()).filter(|&k| standing[k]);
+        let (Some(one), None) = (stand.next(), stand.next()) else {
+            return Ok(None);
+        };
+        let is_body = matches!(task.fiducials[one].shape, FiducialShape::Mesh(_));
+        if !is_body || task.fiducials.len() < 2 {
+            return Ok(None);
+        }
+        // On each other one's surface, and a little off it: a face that crosses there has as many of these.
+        let mut seen = vec![(0, 0); task.fiducials.len()];
+        for (q, m) in task.points.iter().zip(measured) {
+            let off = m.distance_mm.abs() / sigma;
+            if off >= 3.0 * INLIER || !self.is_within(q, m, motion, sigma) {
+                continue;
+            }
+            let (on, beside) = &mut seen[self.of(m)];
+            *(if off < INLIER { on } else { beside }) += 1;
+        }
+        let shows = |k: usize| seen[k].0 >= LEAST_POINTS && seen[k].0 > BESIDE * seen[k].1;
+        if (0..seen.len()).any(|k| k != one && shows(k)) {
+            return Ok(Some(one));
+        }
+        let what = format!(
+            "of the {} fiducials in the file only {} was found, and nothing is seen of the others where it puts them: faces that \
+             meet as its own do are found on other bodies, too",
+            task.fiducials.len(),
+            task.fiducials[one].name
+        );
+        Err(symmetry::ambiguous(
+            &[],
+            &[motion.inverse()],
+            &what,
+            "scan so that a second fiducial is seen, or leave in the file what is in view",
+        ))
     }
 
     /// Each fiducial that stands, where its own points put it: those about it, also what the common pose takes for astray.
@@ -265,6 +312,10 @@ pub(super) fn finish(
         })
         .collect();
     let standing = bodies.standing(task, &on, &measured);
+    let one = match task.kernel {
+        None => bodies.one_of_several(task, &standing, &measured, &motion, sigma)?,
+        Some(_) => None,
+    };
     if !all {
         on.retain(|&i| standing[bodies.of(&measured[i])]);
     }
@@ -314,6 +365,16 @@ pub(super) fn finish(
         task.scale_limit_ppm,
         "scan",
     );
+    located.reasons.extend(one.map(|one| {
+        ScanError::refused(
+            "one_fiducial",
+            format_args!(
+                "only {} holds the pose, and of the others one side at most is seen: a wall's other face would look the same; scan so \
+                 that a second fiducial shows three sides",
+                task.fiducials[one].name
+            ),
+        )
+    }));
     let groups = Groups {
         all: &groups,
         of: &of,
@@ -338,6 +399,9 @@ pub(super) fn finish(
 
 /// How far from its place a fiducial's own points are looked for, over its size.
 const REACH: f64 = 0.06;
+
+/// A surface is seen where so many times as many points lie on it as a little off it.
+const BESIDE: usize = 3;
 
 /// A radius is off if it is by so many times its uncertainty and, beyond that, by so many times the noise:
 /// points of one ball share errors, and some of its post are among them.

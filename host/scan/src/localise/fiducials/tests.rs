@@ -206,6 +206,31 @@ fn a_corner_of_which_one_side_is_hidden_holds_what_it_shows() {
     );
 }
 
+/// Three faces that meet are found on other bodies, too: where nothing is seen of the second corner, none is believed. A file
+/// that names one corner alone says so.
+#[test]
+fn one_corner_of_two_is_not_believed_where_nothing_is_seen_of_the_other() {
+    let mut random = Random(14);
+    let all = [
+        corner(
+            "A",
+            [64.0, 42.0, 26.0],
+            [100.0, 60.0, 40.0],
+            [0.0, 0.0, -1.38],
+        ),
+        corner(
+            "B",
+            [52.0, 44.0, 24.0],
+            [250.0, 120.0, 30.0],
+            [0.0, 0.0, -2.16],
+        ),
+    ];
+    let scanner = random.pose();
+    let points = scan(&all[1..], &scanner, &mut random);
+    assert_eq!(refused(&all, &points).code, "ambiguous");
+    found(&all[1..], &points, &scanner);
+}
+
 /// Faces that meet in one point are of any size.
 #[test]
 fn one_corner_says_nothing_of_the_scale() {

@@ -133,7 +133,7 @@ Scans of a part that the machine had turned in between:
   moved = { rotation = [[1,0,0],[0,0,-1],[0,1,0]], translation_mm = [0, 0, 0] }
   carried = true                 # the fiducials were moved with the part
 
-Exit status: 0 verdict OK; 2 verdict NG (uncertain, scale, wrong_radius of a ball, no_fit
+Exit status: 0 verdict OK; 2 verdict NG (uncertain, scale, wrong_radius of a ball, one_fiducial, no_fit
 of a stated problem that is not on the scan; the pose is printed) or
 refused: ambiguous, degenerate, too_little_overlap, no_fit, mirrored, wrong_scale,
 no_fiducial, fiducials_disagree, scans_disagree (is moved right?), too_few_points,
