@@ -189,12 +189,13 @@ pub(in crate::localise) fn ambiguous(
             )
         });
     }
-    ScanError::refused(
-        "ambiguous",
-        format_args!("{what} ({}): {advice}", words.join("; ")),
-    )
-    .with("symmetries", listed)
-    .with("poses", poses)
+    let how = match words.is_empty() {
+        true => String::new(),
+        false => format!(" ({})", words.join("; ")),
+    };
+    ScanError::refused("ambiguous", format_args!("{what}{how}: {advice}"))
+        .with("symmetries", listed)
+        .with("poses", poses)
 }
 
 /// A turn of which so many are a whole one, in degrees.
