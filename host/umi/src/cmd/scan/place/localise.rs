@@ -113,6 +113,10 @@ puts the part off by as much where no other face holds that direction, with verd
 where others do, it can look as another scale (NG scale). Nothing in the scan tells them
 apart: scan the opposite faces, too. The scale is estimated and not applied.
 
+Scan three sides that are not parallel: of two, the edges are taken to hold the third
+direction, and the pose can be off by more than is stated. Crop the scan to one part: a
+second one of its kind, or another block that shows three faces, is not always told.
+
 Fiducials are balls, cones (apex at the origin, opening to -Z) and reference surfaces of
 any shape; where they stand, and how sure, is in their file:
   [[fiducial]]
@@ -133,8 +137,9 @@ Scans of a part that the machine had turned in between:
   moved = { rotation = [[1,0,0],[0,0,-1],[0,1,0]], translation_mm = [0, 0, 0] }
   carried = true                 # the fiducials were moved with the part
 
-Exit status: 0 verdict OK; 2 verdict NG (uncertain, scale, wrong_radius of a ball, one_fiducial, no_fit
-of a stated problem that is not on the scan; the pose is printed) or
+Exit status: 0 verdict OK; 2 verdict NG (uncertain, scale, wrong_radius of a ball,
+one_fiducial (one corner alone holds the pose), no_fit of a stated problem that is not on
+the scan; the pose is printed) or
 refused: ambiguous, degenerate, too_little_overlap, no_fit, mirrored, wrong_scale,
 no_fiducial, fiducials_disagree, scans_disagree (is moved right?), too_few_points,
 too_many_points (--kernel and --memory-mb), empty_model, not_finite; 1 a file (bad_file,
