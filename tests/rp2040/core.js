@@ -126,8 +126,11 @@ export class Core {
     /** Cycles of exceptions taken or left, not yet counted. */
     this.penalty = 0;
     this.instructions = 0;
-    /** Per interrupt: requested, entered (both cycles; -1: not), how many, longest wait and run. */
-    this.interrupts = Array.from({ length: 32 }, () => [-1, -1, 0, 0, 0]);
+    /**
+     * Per interrupt: requested (-1: not), entered, the request of that entry (all cycles), how many, longest wait,
+     * longest run, longest from a request to its return.
+     */
+    this.interrupts = Array.from({ length: 32 }, () => [-1, -1, -1, 0, 0, 0, 0]);
     /** Why the board stopped for good, if it did. */
     this.fault = null;
     /** When. */
@@ -287,10 +290,10 @@ export class Core {
     return true;
   }
 
-  /** Rows of number, how many, longest wait and longest run since this was asked last. */
+  /** Rows of number, how many, longest wait, run and both of one request since this was asked last. */
   takeInterruptTimes() {
-    const rows = this.interrupts.map((times, irq) => [irq, ...times.slice(2)]);
-    for (const times of this.interrupts) times.fill(0, 2);
+    const rows = this.interrupts.map((times, irq) => [irq, ...times.slice(3)]);
+    for (const times of this.interrupts) times.fill(0, 3);
     return rows.filter(([, count]) => count > 0);
   }
 
@@ -794,8 +797,9 @@ function patchExceptions(taker, core, ppb) {
       const times = taker.interrupts[number - 16];
       const { cycle } = taker.chip;
       times[1] = cycle;
-      times[2]++;
-      if (times[0] >= 0) times[3] = Math.max(times[3], cycle - times[0]);
+      times[2] = times[0] < 0 ? cycle : times[0];
+      times[3]++;
+      times[4] = Math.max(times[4], cycle - times[2]);
       times[0] = -1;
     }
   };
@@ -805,9 +809,10 @@ function patchExceptions(taker, core, ppb) {
     if (irq >= 0) {
       const times = taker.interrupts[irq];
       const { cycle } = taker.chip;
-      times[4] = Math.max(times[4], cycle - times[1]);
-      // A request that is there still, or again, waits from now on.
-      if (core.lines & (1 << irq)) times[0] = cycle;
+      times[5] = Math.max(times[5], cycle - times[1]);
+      times[6] = Math.max(times[6], cycle - times[2]);
+      // A request that is there still waits from now on; one that came meanwhile, since it came.
+      if (core.lines & (1 << irq) && times[0] < 0) times[0] = cycle;
     }
     leave.call(core, value);
     taker.penalty += RETURN_CYCLES;

@@ -44,7 +44,7 @@
 // | memory_set | address, value                         | writes a word, as the core does                |
 // | sink_stack | top, bottom, free                      | leaves so much of the stack, if the core sleeps |
 // | time       |                                        | cycle, and at it timer_us, the chip's own microsecond timer; began: the cycle at which the chip came out of reset, and with it that timer |
-// | interrupts |                                        | rows since asked last: number, how many, longest wait from request to entry, longest run, in cycles |
+// | interrupts |                                        | rows since asked last: number, how many, longest wait from request to entry, longest run, longest from a request to its return, in cycles |
 // | no_stack   | stops                                  | whether a fault without memory for the stack stops the core, until the next reset; else the handler begins |
 // | crash      |                                        | the core has a HardFault; answers cycle |
 // | cache      | line_cycles, words                     | what a line of the flash costs the core from now on (cache.js; 0: nothing), or whether its words come one by one; answers hits and misses since asked last |

@@ -125,6 +125,8 @@ pub struct EmulatedInterrupt {
     pub wait_cycles: u64,
     /// The longest time from there to its return.
     pub run_cycles: u64,
+    /// The longest time from a request to its return: the longest wait and the longest run are seldom of one.
+    pub whole_cycles: u64,
 }
 
 /// What the world knows of an axis.
@@ -357,6 +359,7 @@ impl Emulator {
                 count: number(&row[1]),
                 wait_cycles: number(&row[2]),
                 run_cycles: number(&row[3]),
+                whole_cycles: number(&row[4]),
             })
             .collect()
     }

@@ -209,9 +209,9 @@ fn signing_keeps_no_character_and_no_capture_waiting() {
     }
     assert!(heads >= 1, "{heads}");
     for times in rig.emulator().interrupts() {
-        let (wait, run) = (times.wait_cycles, times.run_cycles);
+        let (wait, whole) = (times.wait_cycles, times.whole_cycles);
         match times.number {
-            CAPTURE_INTERRUPT => assert!(wait + run <= 75 * CYCLES_PER_US, "{times:?}"),
+            CAPTURE_INTERRUPT => assert!(whole <= 75 * CYCLES_PER_US, "{times:?}"),
             LINE_INTERRUPT => assert!(wait <= 85 * CYCLES_PER_US, "{times:?}"),
             _ => {}
         }
