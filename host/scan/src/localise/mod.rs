@@ -318,8 +318,10 @@ impl LocaliseTask<'_> {
         let floor = self.model.diagonal_mm() * 1e-7;
         let sigma = fit::noise(&there, limit).max(floor).min(sigma * WORSE);
         let on_part = near(&there, fit::INLIER * sigma);
-        let certainty = uncertainty::certainty(&kept, &there, &on_part, &motion, sigma, groups)
-            .widened(spread(&kept, &there, &on_part, sigma, groups));
+        let threads = self.threads;
+        let held = uncertainty::on_faces(surface, &kept, &there, &on_part, &motion, sigma, threads);
+        let certainty = uncertainty::certainty(&kept, &there, &held, &motion, sigma, groups)
+            .widened(spread(&kept, &there, &held, sigma, groups));
         let (certainty, better) = self.sized(surface, &motion, sigma, certainty);
         let on: Vec<(usize, f64)> = if kept.len() == places.len() {
             let on_part = on_part.iter();

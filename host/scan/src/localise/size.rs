@@ -24,10 +24,10 @@ const REACHES: [f64; 3] = [0.06, 0.02, 0.006];
 const NARROWER: f64 = 0.6;
 const STEPS: usize = 3;
 const LAST: usize = 8;
-/// Another size explains more if it does so by this share of the points, by so many times the root of their number, which
-/// is what stray points make of it, and by so many.
+/// Another size explains more if it does so by this share of the points on the part, by what stray points make of it, and
+/// by so many. These make so many times the root of their number of it, and no more than the root of those on the part.
 const MORE: f64 = 0.005;
-const CHANCE: f64 = 1.0;
+const CHANCE: f64 = 3.0;
 const LEAST: f64 = 10.0;
 /// So many times as many points as a size takes off the part must be more on it.
 const OTHERS: f64 = 4.0;
@@ -88,7 +88,9 @@ impl LocaliseTask<'_> {
             on: before.clone(),
         };
         let all = before.len() as f64;
-        let least = (MORE * all).max(CHANCE * all.sqrt()).max(LEAST);
+        let stray = few.len() as f64 - all;
+        let chance = (CHANCE * stray.sqrt()).min(all.sqrt());
+        let least = (MORE * all).max(chance).max(LEAST);
         let mut best: Option<Sized> = None;
         for (k, share) in REACHES.iter().enumerate() {
             let reach = share * diagonal;
@@ -121,8 +123,17 @@ impl LocaliseTask<'_> {
         let shrunk = shrunk(&points, &six.about_mm, best.scale);
         let reach = fit::INLIER * best.noise_mm;
         let there = measure_within(surface, &shrunk, &best.motion, &[], reach, self.threads);
-        let on = near(&there, reach);
         let noise = best.noise_mm;
+        let on = near(&there, reach);
+        let on = uncertainty::on_faces(
+            surface,
+            &shrunk,
+            &there,
+            &on,
+            &best.motion,
+            noise,
+            self.threads,
+        );
         let seven = uncertainty::certainty(&shrunk, &there, &on, &best.motion, noise, groups)
             .widened(spread(&shrunk, &there, &on, noise, groups));
         if !seven.free.is_empty() {

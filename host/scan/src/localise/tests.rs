@@ -67,7 +67,7 @@ pub(super) fn bracket() -> Mesh {
 }
 
 /// The same, upright: a chip in its top leaves the sides where they are.
-fn straight() -> Mesh {
+pub(super) fn straight() -> Mesh {
     let outline = [
         [0.0, 0.0],
         [60.0, 0.0],
@@ -452,6 +452,46 @@ fn sizes_are_told_among_other_bodies() {
 
 /// A bar with a step, in front of a wall: by a size that puts the end which the scan does not show into the wall, more
 /// points lie on it, but others for those of the step. That is no reason to doubt its size.
+/// A corner of three faces fits at any size, and what else is seen of the part lies off it by 10 times the noise: few
+/// points, but nothing else is astray.
+#[test]
+fn few_points_beside_a_corner_tell_the_size() {
+    let model = straight();
+    let mut random = Random(31);
+    let pose = random.pose();
+    let corner = |n: &Vec3| n.min() < -0.9;
+    let step = |n: &Vec3| n.y > 0.9;
+    let mut points = scan(&model, 4000, 0.02, &pose, &mut random, corner);
+    points.extend(scan(&model, 45, 0.02, &pose, &mut random, step));
+    let smaller: Vec<Vec3> = points
+        .iter()
+        .map(|q| pose.translation_mm + (q - pose.translation_mm) * 0.99)
+        .collect();
+    let found = task(&model, &smaller).find().unwrap();
+    let codes: Vec<&str> = found.reasons.iter().map(|reason| reason.code).collect();
+    assert_eq!(codes, ["scale"]);
+    assert!(
+        (found.certainty.scale - 0.99).abs() < 0.001,
+        "{}",
+        found.certainty.scale
+    );
+}
+
+/// Three faces of a box that meet in a corner: any part with such a corner fits, if it is not asked where they end.
+#[test]
+fn three_faces_of_a_foreign_box_are_no_part() {
+    let model = straight();
+    let mut random = Random(7);
+    for long in [80.0, 52.0, 40.0] {
+        let outline = [[0.0, 0.0], [long, 0.0], [long, 36.0], [0.0, 36.0]];
+        let foreign = prism(&outline, &[[0, 1, 2, 3]], 24.0, [0.0, 0.0]);
+        let pose = random.pose();
+        let points = scan(&foreign, 4000, 0.01, &pose, &mut random, |n| n.max() > 0.9);
+        let error = task(&model, &points).find().unwrap_err();
+        assert_eq!(error.code, "no_fit", "{long}: {}", error.message);
+    }
+}
+
 #[test]
 fn a_size_that_takes_other_points_for_those_of_the_part_is_none() {
     const LONG: f64 = 76.2;

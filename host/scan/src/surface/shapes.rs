@@ -80,6 +80,13 @@ impl CompositeSurface {
         best
     }
 
+    /// The normal of a triangle, by its number; none of a ball or a cone.
+    #[must_use]
+    pub(crate) fn facet_normal(&self, face: usize) -> Option<Vec3> {
+        let mesh = self.mesh.as_ref()?;
+        mesh.triangles().get(face).map(|triangle| triangle.normal)
+    }
+
     /// The least and the largest coordinates in mm.
     #[must_use]
     pub fn bounds(&self) -> (Vec3, Vec3) {

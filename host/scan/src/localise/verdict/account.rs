@@ -31,7 +31,7 @@ pub(super) struct Account {
 
 /// How much of what is unexplained is too much: a part among clutter and stray points leaves half of that, a foreign part
 /// that has a corner of the scanned one leaves more (`tests/bench/LOCALISE.md`).
-const TOO_MUCH: f64 = 0.2;
+pub(super) const TOO_MUCH: f64 = 0.2;
 /// Other things may stand where the part is, clamps above all, so they weigh little; a surface within the material cannot.
 const NEAR: f64 = 0.25;
 const WITHIN: f64 = 3.0;
@@ -68,8 +68,13 @@ impl Account {
         self.against().iter().sum()
     }
 
-    /// Refuses if too much is unexplained, by what weighs most.
-    pub fn judged(&self) -> Result<(), ScanError> {
+    /// Whether a pose that is not to be taken could be a place of the part: other things may hide it there.
+    pub fn could_be(&self) -> bool {
+        self.own >= OWN && self.unexplained() <= 2.0 * TOO_MUCH
+    }
+
+    /// Refuses if too `much` is unexplained, by what weighs most.
+    pub fn judged(&self, much: f64) -> Result<(), ScanError> {
         let [unseen, foreign, within] = self.against();
         let percent = |share: f64| format!("{:.0} %", 100.0 * share);
         let why = if self.own < OWN {
@@ -77,7 +82,7 @@ impl Account {
                 "{} of what lies on it lies on faces that go on beyond its edges, as a table's or another part's",
                 percent(1.0 - self.own)
             )
-        } else if self.unexplained() <= TOO_MUCH {
+        } else if self.unexplained() <= much {
             return Ok(());
         } else if within >= unseen.max(foreign) {
             format!(
@@ -123,11 +128,19 @@ const BEFORE: f64 = 1.5;
 impl Judge<'_> {
     /// Refuses a fit that leaves too much unexplained. Where there are fiducials it is asked of each scan at the end:
     /// their points, and what hid the part in each of several scans, are not in the scene.
+    ///
+    /// Three faces that meet in one corner fit any other three as well: of such a pose only where they end speaks for this
+    /// part, so it must account for more.
     pub(super) fn stands(&self, scene: &Scene, fit: &Fit) -> Result<(), ScanError> {
-        if !self.task.groups.all.is_empty() || self.is_surely(scene, fit) {
+        if !self.task.groups.all.is_empty() {
             return Ok(());
         }
-        self.account(scene, fit, &[]).0.judged()
+        let much = match (self.holds_size(scene, fit), self.is_surely(scene, fit)) {
+            (true, true) => return Ok(()),
+            (true, false) => TOO_MUCH,
+            (false, _) => TOO_MUCH / 2.0,
+        };
+        self.account(scene, fit, &[]).0.judged(much)
     }
 
     /// Whether nearly all of the scan lies on the part.
@@ -314,7 +327,7 @@ mod tests {
             within,
             own,
         };
-        account.judged().err().map(|error| {
+        account.judged(TOO_MUCH).err().map(|error| {
             assert_eq!(error.code, "no_fit");
             error.message
         })

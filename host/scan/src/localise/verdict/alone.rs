@@ -8,7 +8,7 @@ use crate::localise::fit::{self, Fit};
 use crate::localise::search::pairs::{IN_ITSELF, Proposal};
 use crate::localise::search::rough::Points;
 use crate::localise::search::scene::Scene;
-use crate::localise::uncertainty::{Groups, certainty};
+use crate::localise::uncertainty::{on_faces, white};
 use crate::localise::verdict::flat::{only_normal, sliding};
 use crate::localise::verdict::rivals::{advantage, compare, explained, off, on, own_share};
 use crate::localise::verdict::symmetry::{self, SymmetryAxis};
@@ -66,14 +66,16 @@ impl Judge<'_> {
         let reach = fit::INLIER * sigma;
         let measured = measure_within(self.surface, &scene.fine, &best.motion, &[], reach, threads);
         let held: Vec<usize> = (0..own.off.len()).filter(|&i| explained_own[i]).collect();
-        let sure = certainty(
+        let held = on_faces(
+            self.surface,
             &scene.fine,
             &measured,
             &held,
             &best.motion,
             sigma,
-            Groups::default(),
+            threads,
         );
+        let sure = white(&scene.fine, &measured, &held, &best.motion, sigma);
         if let Some(axis) = self.only_side(scene, &best.motion, sigma) {
             return Err(degenerate(&sliding(&axis), &sure.about_mm, "part"));
         }

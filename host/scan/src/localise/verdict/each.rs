@@ -3,7 +3,7 @@
 //! Where the machine did not move the part as a scan's `moved` has it, that scan puts the part elsewhere. The others then
 //! outvote it: its points are off the part, so neither the fit nor its uncertainty sees them.
 
-use super::account::Account;
+use super::account::{Account, TOO_MUCH};
 use super::rivals::{advantage, explained, off, on};
 use super::{Judge, Worth, count};
 use crate::ScanError;
@@ -155,7 +155,7 @@ impl Judge<'_> {
         let stands = |fit: &Fit| {
             matches!(self.worth(scene, fit), Worth::Good)
                 && (self.is_surely(scene, fit)
-                    || self.account(scene, fit, &before).0.judged().is_ok())
+                    || self.account(scene, fit, &before).0.judged(TOO_MUCH).is_ok())
         };
         let is_elsewhere = |fit: &Fit| apart(fit) > reach;
         let better = |fit: &&Fit| is_elsewhere(fit) && speaks(fit).is_some() && stands(fit);
@@ -205,7 +205,7 @@ impl Judge<'_> {
         if all.is_empty() || scenes.iter().all(|scene| self.is_surely(scene, &fit)) {
             return Ok(());
         }
-        Account::of_all(&all).judged()
+        Account::of_all(&all).judged(TOO_MUCH)
     }
 }
 

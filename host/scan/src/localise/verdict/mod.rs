@@ -8,6 +8,7 @@ pub(super) mod flat;
 pub(super) mod rivals;
 mod slide;
 pub(super) mod symmetry;
+mod twin;
 
 use std::collections::HashSet;
 
@@ -18,7 +19,7 @@ use crate::localise::search::field::HeightField;
 use crate::localise::search::oriented::from_seed;
 use crate::localise::search::pairs::{IN_A_SCAN, Prepared, spread};
 use crate::localise::search::scene::{Scene, cell_mm, coverage};
-use crate::localise::uncertainty::{Groups, certainty};
+use crate::localise::uncertainty::{on_faces, white};
 use crate::localise::verdict::flat::{only_normal, sliding};
 use crate::localise::verdict::rivals::rims::{Rim, passed, rims};
 use crate::localise::verdict::rivals::{
@@ -154,7 +155,9 @@ pub(super) fn decide(
         Err(error) if error.code == "ambiguous" => judge.stands(&scene, best)?,
         Err(_) => {}
     }
-    decided
+    let decided = decided?;
+    judge.only_body(&scene, &decided.fit)?;
+    Ok(decided)
 }
 
 /// The refusal of a scan in another unit.
@@ -565,20 +568,22 @@ impl<'a> Judge<'a> {
     }
 
     /// Whether what a fit shows of the part holds its pose and its size: a small smooth patch fits at any size.
-    fn holds_size(&self, scene: &Scene, fit: &Fit) -> bool {
+    pub(super) fn holds_size(&self, scene: &Scene, fit: &Fit) -> bool {
         let sigma = fit.sigma_mm.max(scene.noise_mm);
         let reach = fit::INLIER * sigma;
         let threads = self.task.threads;
         let measured = measure_within(self.surface, &scene.fine, &fit.motion, &[], reach, threads);
         let held = super::near(&measured, reach);
-        let sure = certainty(
+        let held = on_faces(
+            self.surface,
             &scene.fine,
             &measured,
             &held,
             &fit.motion,
             sigma,
-            Groups::default(),
+            threads,
         );
+        let sure = white(&scene.fine, &measured, &held, &fit.motion, sigma);
         sure.free.is_empty()
             && sure.u_scale < SIZED
             && self.only_side(scene, &fit.motion, sigma).is_none()

@@ -1,0 +1,101 @@
+//! Whether a scan shows the part twice.
+//!
+//! A pose is judged by the points on it, and two parts of one kind each have their own: whichever has more of them would
+//! be taken. So what the pose leaves is searched once more.
+
+use super::symmetry::ambiguous;
+use super::{Judge, Worth};
+use crate::ScanError;
+use crate::localise::fit::Fit;
+use crate::localise::search::scene::Scene;
+use crate::localise::verdict::rivals::{is_within, off};
+use crate::rigid::{Pose, Vec3};
+
+/// What lies nearer to the part than this, over its diagonal, is not searched again.
+const BESIDE: f64 = 0.02;
+/// The rest is searched if it is this share of what lies nearer, in places that have a surface about them.
+const LEFT: f64 = 0.25;
+/// Two bodies have no more of their surface than this within each other.
+const WITHIN: f64 = 0.03;
+
+impl Judge<'_> {
+    /// Refuses where another body of the scan is the part as well: nothing says which of them is meant.
+    pub(super) fn only_body(&self, scene: &Scene, fit: &Fit) -> Result<(), ScanError> {
+        let beside = BESIDE * self.prepared.diagonal;
+        let is_left = |q: &Vec3| {
+            let distance = self.prepared.rough.field.at(&fit.motion.undo(q));
+            distance.is_none_or(|(d, _)| d.abs() > beside)
+        };
+        let surface = scene.places.iter().filter(|o| o.is_oriented());
+        let (all, left) = surface.fold((0, 0), |(all, left), o| {
+            (all + 1, left + u32::from(is_left(&o.at)))
+        });
+        if self.task.accept_symmetry || f64::from(left) < LEFT * f64::from(all - left) {
+            return Ok(());
+        }
+        let rest: Vec<Vec3> = scene.fine.iter().filter(|q| is_left(q)).copied().collect();
+        let rest = Scene::new(self.task.model, &rest, self.task.threads);
+        let sigma = self.noise(scene, fit);
+        let twin = self.fits(&rest, None).into_iter().find(|other| {
+            matches!(self.worth(&rest, other), Worth::Good)
+                && self.are_apart(&fit.motion, &other.motion, sigma)
+                && self.account(scene, other, &[]).0.could_be()
+        });
+        let Some(twin) = twin else {
+            return Ok(());
+        };
+        Err(ambiguous(
+            &[],
+            &[fit.motion, twin.motion],
+            "the scan shows the part twice",
+            "crop the scan to the one that is meant, or say --accept-symmetry if either will do",
+        ))
+    }
+
+    /// Whether the part can be at both places at once.
+    fn are_apart(&self, first: &Pose, second: &Pose, sigma: f64) -> bool {
+        let samples: Vec<Vec3> = self.prepared.samples.iter().map(|o| o.at).collect();
+        let by = first.inverse().after(second);
+        let off = off(self.part(), &samples, &by, sigma, self.task.threads).off;
+        let within = off.iter().filter(|off| is_within(**off)).count();
+        within as f64 <= WITHIN * samples.len() as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::localise::tests::{Random, bracket, scan, task};
+    use crate::rigid::{Pose, Vec3, rotation};
+
+    #[test]
+    fn of_two_parts_of_one_kind_none_is_taken_unless_either_will_do() {
+        let model = bracket();
+        let mut random = Random(5);
+        // The second one is seen as well, and a third as well.
+        for share in [1.0, 0.3] {
+            let first = random.pose();
+            let turn = Pose {
+                rotation: rotation(&Vec3::new(0.2, -0.4, 2.0)),
+                translation_mm: Vec3::new(90.0, -30.0, 20.0),
+            };
+            let second = first.after(&turn);
+            let mut points = scan(&model, 4000, 0.02, &first, &mut random, |n| n.y < 0.5);
+            let more = (4000.0 * share) as usize;
+            points.extend(scan(&model, more, 0.02, &second, &mut random, |n| {
+                n.x < 0.5
+            }));
+            let mut task = task(&model, &points);
+            let error = task.find().unwrap_err();
+            assert_eq!(error.code, "ambiguous");
+            // Where both are seen as well, as poses that the scan does not tell apart.
+            let says = |words: &str| error.message.contains(words);
+            assert!(says("twice") || says("two of it"), "{}", error.message);
+            assert_eq!(error.details["poses"].as_array().unwrap().len(), 2);
+            task.accept_symmetry = true;
+            let found = task.find().unwrap();
+            assert!(found.reasons.is_empty(), "{:?}", found.reasons);
+            let off = |place: Pose| found.motion.apart_mm(&place, &model.corners());
+            assert!(off(first).min(off(second)) < 0.1);
+        }
+    }
+}
