@@ -26,7 +26,7 @@ pub(super) struct Account {
     /// The scanned surface deep within the part's material, over that on the part.
     within: f64,
     /// Of the points on the part: those on sides beyond whose edges the scan does not go on.
-    own: f64,
+    pub own: f64,
 }
 
 /// How much of what is unexplained is too much: a part among clutter and stray points leaves half of that, a foreign part
@@ -66,11 +66,6 @@ impl Account {
     /// All of it together.
     pub fn unexplained(&self) -> f64 {
         self.against().iter().sum()
-    }
-
-    /// Whether a pose that is not to be taken could be a place of the part: other things may hide it there.
-    pub fn could_be(&self) -> bool {
-        self.own >= OWN && self.unexplained() <= 2.0 * TOO_MUCH
     }
 
     /// Refuses if too `much` is unexplained, by what weighs most.

@@ -3,6 +3,7 @@
 //! A pose is judged by the points on it, and two parts of one kind each have their own: whichever has more of them would
 //! be taken. So what the pose leaves is searched once more.
 
+use super::account::TOO_MUCH;
 use super::symmetry::ambiguous;
 use super::{Judge, Worth};
 use crate::ScanError;
@@ -15,6 +16,10 @@ use crate::rigid::{Pose, Vec3};
 const BESIDE: f64 = 0.02;
 /// The rest is searched if it is this share of what lies nearer, in places that have a surface about them.
 const LEFT: f64 = 0.25;
+/// Both have about the noise of the scan.
+const NOISIER: f64 = 2.0;
+/// The share of what lies on the other one that must be its own: not a table's, nor another part's.
+const OWN: f64 = 0.5;
 /// Two bodies have no more of their surface than this within each other.
 const WITHIN: f64 = 0.03;
 
@@ -37,9 +42,10 @@ impl Judge<'_> {
         let rest = Scene::new(self.task.model, &rest, self.task.threads);
         let sigma = self.noise(scene, fit);
         let twin = self.fits(&rest, None).into_iter().find(|other| {
-            matches!(self.worth(&rest, other), Worth::Good)
+            other.sigma_mm < NOISIER * sigma
+                && matches!(self.worth(&rest, other), Worth::Good)
                 && self.are_apart(&fit.motion, &other.motion, sigma)
-                && self.account(scene, other, &[]).0.could_be()
+                && self.could_be(scene, other)
         });
         let Some(twin) = twin else {
             return Ok(());
@@ -50,6 +56,17 @@ impl Judge<'_> {
             "the scan shows the part twice",
             "crop the scan to the one that is meant, or say --accept-symmetry if either will do",
         ))
+    }
+
+    /// Whether a place of the part that is not to be taken for it could be one: other things may hide it there. Three faces
+    /// of any box that meet in a corner are like the part's.
+    fn could_be(&self, scene: &Scene, fit: &Fit) -> bool {
+        let much = match self.holds_size(scene, fit) {
+            true => 2.0 * TOO_MUCH,
+            false => TOO_MUCH / 2.0,
+        };
+        let account = self.account(scene, fit, &[]).0;
+        account.own > OWN && account.unexplained() <= much
     }
 
     /// Whether the part can be at both places at once.
