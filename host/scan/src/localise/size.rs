@@ -168,6 +168,26 @@ impl LocaliseTask<'_> {
         (sized.off_by(off), is_right.then_some(best.motion))
     }
 
+    /// The size by these points, from a fit that is about right: they are so many times as large as the part; and the pose
+    /// on them as they lie when they are made as much smaller about `about`.
+    pub(super) fn size_near(
+        &self,
+        surface: &CompositeSurface,
+        points: &[Vec3],
+        about: &Vec3,
+        fit: &fit::Fit,
+    ) -> Option<(f64, Pose)> {
+        let start = Sized {
+            scale: 1.0,
+            motion: fit.motion,
+            noise_mm: fit.sigma_mm,
+            on: Vec::new(),
+        };
+        let reach = REACHES[0] * self.model.diagonal_mm();
+        let found = self.seven(surface, points, about, &start, reach, 0.0)?;
+        Some((found.scale, found.motion))
+    }
+
     /// Pose and size by the points within `reach` mm, which narrows to what the noise leaves. On the part is what lies within
     /// `limit` mm.
     fn seven(

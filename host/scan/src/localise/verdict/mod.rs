@@ -6,6 +6,7 @@ mod alone;
 pub(super) mod each;
 pub(super) mod flat;
 pub(super) mod rivals;
+mod shrunk;
 mod slide;
 pub(super) mod symmetry;
 mod twin;
@@ -119,45 +120,23 @@ pub(super) fn decide(
 ) -> Result<Decided, ScanError> {
     let judge = Judge::new(task, surface);
     let scene = Scene::new(task.model, &from_seed(task.points, task.seed), task.threads);
-    let mut fits = judge.fits(&scene, None);
+    let fits = judge.fits(&scene, None);
     if let Some(begun) = begun {
         return judge.begun(&scene, begun, fits);
     }
-    let first = |fits: &[Fit]| {
-        fits.first()
-            .map_or(Worth::Bad, |best| judge.worth(&scene, best))
-    };
-    let mut worth = first(&fits);
-    if !matches!(worth, Worth::Good) {
-        judge.other_scale()?;
-        judge.flat(&scene)?;
-    }
-    if let Some(missed) = judge.mirrored(&scene, fits.first())? {
-        fits.insert(0, missed);
-        worth = first(&fits);
-    }
-    let no_fit = || match task.points.len() {
-        few @ 0..FEW => no_fit_of(few),
-        _ => no_fit(),
-    };
-    let Some(best) = fits.first() else {
-        return Err(no_fit());
-    };
-    match worth {
-        Worth::Bad => return Err(no_fit()),
-        Worth::Little(shown) => return Err(too_little(shown)),
-        Worth::Good => {}
-    }
-    let decided = judge.only_one(&scene, &fits);
-    // Poses of a foreign part that are as good as each other are no answer either.
-    match &decided {
-        Ok(found) => judge.stands(&scene, &found.fit)?,
-        Err(error) if error.code == "ambiguous" => judge.stands(&scene, best)?,
-        Err(_) => {}
-    }
-    let decided = decided?;
-    judge.only_body(&scene, &decided.fit)?;
-    Ok(decided)
+    let best = fits
+        .first()
+        .map(|fit| judge.explained(&scene, &scene.fine, fit));
+    judge.found(&scene, fits).map_err(|error| {
+        let known = best.map_or(0, |best| count(&best.points));
+        let known = match error.code {
+            "no_fit" | "too_little_overlap" => known,
+            // The mirror image explains nearly all that is of it.
+            "mirrored" => known.max(scene.fine.len() * 3 / 4),
+            _ => return error,
+        };
+        judge.other_size(known).err().unwrap_or(error)
+    })
 }
 
 /// The refusal of a scan in another unit.
@@ -227,6 +206,45 @@ impl<'a> Judge<'a> {
             prepared,
             rims,
         }
+    }
+
+    /// The best of the fits, if it is one and the only one.
+    fn found(&self, scene: &Scene, mut fits: Vec<Fit>) -> Result<Decided, ScanError> {
+        let first = |fits: &[Fit]| {
+            fits.first()
+                .map_or(Worth::Bad, |best| self.worth(scene, best))
+        };
+        let mut worth = first(&fits);
+        if !matches!(worth, Worth::Good) {
+            self.other_scale()?;
+            self.flat(scene)?;
+        }
+        if let Some(missed) = self.mirrored(scene, fits.first())? {
+            fits.insert(0, missed);
+            worth = first(&fits);
+        }
+        let no_fit = || match self.task.points.len() {
+            few @ 0..FEW => no_fit_of(few),
+            _ => no_fit(),
+        };
+        let Some(best) = fits.first() else {
+            return Err(no_fit());
+        };
+        match worth {
+            Worth::Bad => return Err(no_fit()),
+            Worth::Little(shown) => return Err(too_little(shown)),
+            Worth::Good => {}
+        }
+        let decided = self.only_one(scene, &fits);
+        // Poses of a foreign part that are as good as each other are no answer either.
+        match &decided {
+            Ok(found) => self.stands(scene, &found.fit)?,
+            Err(error) if error.code == "ambiguous" => self.stands(scene, best)?,
+            Err(_) => {}
+        }
+        let decided = decided?;
+        self.only_body(scene, &decided.fit)?;
+        Ok(decided)
     }
 
     /// The fit that a start led to, if it stands as what the search finds must: the start may be right to within a few
