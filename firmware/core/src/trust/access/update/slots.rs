@@ -49,8 +49,8 @@ pub struct StartedImage {
     pub place: ImagePlace,
     /// It has to confirm itself.
     pub on_trial: bool,
-    /// An image on trial has not confirmed itself, or was changed: its version; zeros, if it cannot
-    /// be read any more.
+    /// An image on trial has not confirmed itself, or that or the confirmed one was changed: its version; zeros,
+    /// if it cannot be read any more.
     pub reverted: Option<ImageVersion>,
 }
 
@@ -310,10 +310,18 @@ impl<F: Flash> Slots<F> {
                 ..self.kept
             })?;
         }
+        let reverted = reverted.or_else(|| self.fell_back().then_some(self.kept.version));
         Ok(StartedImage {
             reverted,
             ..started
         })
+    }
+
+    /// Another image runs than the one that was confirmed: that was changed where it stands.
+    fn fell_back(&self) -> bool {
+        let running = self.running.as_ref().map(|(at, _)| *at);
+        let active = self.kept.active.map(place);
+        !self.on_trial && active.is_some_and(|active| running != Some(active))
     }
 
     /// The same without a trial and without keeping anything: the one that was confirmed; where it is wrong,
@@ -431,6 +439,7 @@ impl<F: Flash> Slots<F> {
             sha512: running.map(|(_, of)| halves(&of.sha512)),
             latest: match self.kept.trial {
                 Some(_) => UpdateState::Trial,
+                None if self.fell_back() => UpdateState::Reverted,
                 None => self.kept.latest,
             },
             most_bytes,

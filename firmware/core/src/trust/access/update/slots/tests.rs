@@ -222,12 +222,14 @@ fn what_was_changed_at_rest_does_not_run() {
         slots.start().unwrap();
         slots.confirm().unwrap();
         areas.slots[0].data[at] ^= 1;
-        let mut slots = areas.open();
-        assert_eq!(
-            slots.start().unwrap().place,
-            ImagePlace::BuiltIn,
-            "confirmed"
-        );
+        // Told at each start, and by what it says of itself.
+        for _ in 0..2 {
+            let mut slots = areas.open();
+            let started = slots.start().unwrap();
+            assert_eq!(started.place, ImagePlace::BuiltIn, "confirmed");
+            assert_eq!(started.reverted, Some([1, 1, 0]));
+            assert_eq!(slots.info().latest, UpdateState::Reverted);
+        }
     }
 }
 
