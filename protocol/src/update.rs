@@ -45,7 +45,7 @@ pub enum UpdateState {
     Trial,
     /// It has run, and is the one that starts.
     Confirmed,
-    /// It did not confirm itself: the one before runs again.
+    /// It did not confirm itself, or was changed where it stands: the one before runs again, or what was built in.
     Reverted,
 }
 

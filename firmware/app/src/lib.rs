@@ -167,6 +167,7 @@ impl<F: Flash> App<F> {
         let opened = measure.start(boot, storage, now);
         guarded.follow(&measure.ledger.in_custody().config.access);
         guarded.end_wipe(now, &mut measure);
+        guarded.compare(now, &mut measure);
         self.line.note_settings(measure.line());
         Ok(opened)
     }
@@ -217,7 +218,7 @@ impl<F: Flash> App<F> {
         }
     }
 
-    /// Journals that an image of this version was given up on trial, behind [`Self::start`].
+    /// Journals that an image of this version was given up, on trial or because it was changed, behind [`Self::start`].
     ///
     /// # Errors
     /// [`Running`]: a task has begun already.

@@ -247,7 +247,7 @@ pub enum Record {
     },
     /// What the owner allows was replaced, or restored at start.
     ConfigSet(BoardConfig),
-    /// The greatest run that had been judged was restored at start. An input too.
+    /// The greatest run that had been judged was restored, at start or behind another job. An input too.
     LastRun {
         /// The run.
         run: u32,

@@ -333,8 +333,11 @@ pub enum ProgramRefusal {
         /// The value of what is there.
         crc32: u32,
     },
-    /// A setup is being measured or a program is being sent: ask again.
-    #[error("the board measures a setup or sends a program: ask again when it is over")]
+    /// A setup is being measured or a program is being sent, or programs are deleted faster than the
+    /// board's record can hold (one in two seconds, behind 64 at once): ask again.
+    #[error(
+        "the board measures a setup or sends a program, or programs were deleted too fast: ask again in two seconds"
+    )]
     Busy,
     /// The control has not sent it, or not all of it.
     #[error("the control has not sent it, or not to its end: let it send again")]

@@ -637,7 +637,7 @@ pub enum Reason {
     RunUnknown,
     /// The run's number is not greater than that of a run that was judged before.
     #[error(
-        "run {run} is not after run {last}, which was judged before: these lines are old, or were played again, or are of a second clamping in one run; call O8811 before each clamping; if the control has lost its count, set its run variable to {last}, or set the job anew"
+        "run {run} is not after run {last}, which was judged before: these lines are old, or were played again, or are of a second clamping in one run; call O8811 before each clamping; if the control has lost its count, set its run variable to {last}"
     )]
     OldRun {
         /// The run that the lines say.

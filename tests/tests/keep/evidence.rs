@@ -6,9 +6,11 @@ use umi_client::board::link::{Acknowledged, Client};
 use umi_client::journal::verify::verify;
 use umi_client::journal::{self, FileItem, PullRequest, PullStep, Pulled};
 use umi_client::problem::Problem;
+use umi_client::programs;
 use umi_core::journal::Geometry;
 use umi_protocol::config::{BoardConfig, JournalConfig, WhenFull};
 use umi_protocol::message::Record;
+use umi_protocol::program::{ProgramInfo, ProgramRefusal, Release, Stated};
 use umi_tests::cases::{DC1, clamping, job};
 use umi_virtual::board::KEY;
 use umi_virtual::{BoardTime, Config, VirtualBoard, VirtualFlash};
@@ -256,4 +258,47 @@ fn equal_faults_are_one_record_a_second() {
     assert_eq!(u32::try_from(told).unwrap() + counted, sent);
     assert!((3..=4).contains(&told), "{told}");
     assert_eq!(findings.differences, []);
+}
+
+/// A program that is put and deleted again and again pushes no evidence out: behind 64 at once, one in two seconds is
+/// deleted. Forty programs are put at once all the same.
+#[test]
+fn deleted_programs_push_no_evidence_out() {
+    let (_board, mut client) = start(&config());
+    let text = b"%\nO0009\nM30\n%\n";
+    let program = |number| ProgramInfo {
+        number,
+        name: "PART".parse().unwrap(),
+        bytes: text.len() as u32,
+        crc32: programs::check_value(text),
+        release: Release::Always,
+        hold_s: 5,
+        stated: Stated::default(),
+    };
+    let begun = Instant::now();
+    for number in 1..=30 {
+        programs::put(&mut client, &program(number), text, |_| {}).unwrap();
+    }
+    let (mut deleted, mut refused) = (0, 0);
+    for _ in 0..300 {
+        programs::put(&mut client, &program(9), text, |_| {}).unwrap();
+        match client.program_delete(9).unwrap() {
+            Ok(()) => deleted += 1,
+            Err(ProgramRefusal::Busy) => refused += 1,
+            Err(other) => panic!("{other}"),
+        }
+    }
+    let most = 65 + begun.elapsed().as_secs() / 2;
+    assert!(
+        (64..=most).contains(&deleted) && refused > 0,
+        "{deleted} {refused}"
+    );
+    // Who waits has it done.
+    programs::delete(&mut client, 9).unwrap();
+    let (file, _) = pulled(&mut client);
+    let told = evidence(&file)
+        .iter()
+        .filter(|(_, of)| matches!(of, Record::ProgramDeleted { .. }))
+        .count();
+    assert_eq!(told as u64, deleted + 1);
 }

@@ -13,7 +13,9 @@ use umi_core::units::Micros;
 use umi_protocol::access::{AccessMode, AccessRefusal, KeyInfo, KeyName, Role};
 use umi_protocol::config::{BoardConfig, LockedReading};
 use umi_protocol::decoder::Decoder;
-use umi_protocol::frame::{Authenticated, MAX_BOARD_FRAME, MAX_HOST_FRAME, encode, encode_sealed};
+use umi_protocol::frame::{
+    Authenticated, Kind, MAX_BOARD_FRAME, MAX_HOST_FRAME, encode, encode_sealed,
+};
 use umi_protocol::message::{Record, Request, Response};
 use umi_tests::cases::job;
 use umi_virtual::board::KEY;
@@ -449,6 +451,57 @@ fn what_is_put_between_changes_nothing() {
         panic!("no access");
     };
     assert_eq!(info.mode, AccessMode::Claimed);
+}
+
+/// A host whose every frame comes twice at the board, its sealed ones behind a forged one of the same number.
+struct Meddled(HostEnd);
+
+impl Transport for Meddled {
+    fn read(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
+        self.0.read_into(buffer, timeout)
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
+        let mut decoder = Decoder::<MAX_HOST_FRAME>::new();
+        let frame = decoder.next_frame(&mut &bytes[..]).expect("a frame");
+        if frame.kind == Kind::SealedRequest {
+            let lock = Request::LockSet { locked: true };
+            let mut out = [0; MAX_HOST_FRAME];
+            let forged = encode_sealed(frame.sequence, &lock, 1 << 40, &|_| [0x5A; 16], &mut out);
+            self.0.write(forged.unwrap())?;
+        }
+        self.0.write(bytes)?;
+        self.0.write(bytes)
+    }
+}
+
+/// What somebody puts between and doubles does not end an honest session: neither while it is proven nor by an
+/// answer that says, without a seal, that there is none.
+#[test]
+fn what_is_put_between_ends_no_session() {
+    let board = VirtualBoard::start(config()).unwrap();
+    claim(&board);
+    let mut client = Client::new(Box::new(Meddled(board.connect()))).unwrap();
+    assert_eq!(client.authenticate(&secret(OWNER)).unwrap(), Role::Owner);
+    for locked in [true, false] {
+        assert!(client.lock(locked).unwrap());
+    }
+    client.set_job(&job()).unwrap().unwrap();
+    assert!(client.has_session());
+    assert_eq!(client.access().unwrap().mode, AccessMode::Claimed);
+    drop(client);
+    // Where there is none any more, its host is told so all the same.
+    let mut configured = BoardConfig::NEW;
+    configured.access.session_idle_s = Some(60);
+    let mut client = authenticated(&board, OWNER);
+    client.set_config(&configured).unwrap().unwrap();
+    board.advance(Micros(board.now().0 + 61_000_000));
+    let refused = client.keys().unwrap_err();
+    assert!(
+        matches!(refused, LinkError::Refused(AccessRefusal::NoSession)),
+        "{refused:?}"
+    );
+    assert!(!client.has_session());
 }
 
 /// A key that was revoked opens no session any more.

@@ -4,8 +4,10 @@
 //!
 //! All that is kept ([`KeyRegister`]) stands in one entry of a small journal, so that it changes whole
 //! or not at all; the newest entry counts. It is written twice: a newest entry that is damaged at
-//! rest looks like one that a power cut tore, and the one before it must not be an older state.
+//! rest looks like one that a power cut tore, and the one before it must not be an older state. Where keys
+//! or the lock change, the second stands in another sector, so that no damage of one sector brings a revoked key back.
 //! Where something was kept and cannot be read, the board is locked and nobody has a key: never open.
+//! So it is where nothing is there any more and [`crate::measure::trust::custody`] knows of an owner.
 
 use umi_core::journal::{Flash, Journal};
 use umi_core::trust::access::register::{KeyRegister, Wiping};
@@ -106,7 +108,11 @@ impl<F: Flash> Keeper<F> {
         let mut room = [0; MOST];
         let payload = postcard::to_slice(&register, &mut room).map_err(|_| KeysNotKept)?;
         let ring = self.ring.as_mut().ok_or(KeysNotKept)?;
-        for _ in 0..2 {
+        let is_apart = !register.grants_as(&self.register);
+        for copy in 0..2 {
+            if is_apart && copy > 0 {
+                ring.turn();
+            }
             let appended = ring.append(KIND, now, payload);
             appended.map_err(|_| KeysNotKept)?;
         }
@@ -166,10 +172,9 @@ fn changed(
             let told = told(AccessChange::Enrolled, key_id(&key.public), key.role);
             register.enrolled(key)?.map(|next| (next, told))
         }
-        Request::KeyRevoke { key_id } => {
-            let (next, role) = register.revoked(*key_id)?;
-            Some((next, told(AccessChange::Revoked, *key_id, role)))
-        }
+        Request::KeyRevoke { key_id } => register
+            .revoked(*key_id)?
+            .map(|(next, role)| (next, told(AccessChange::Revoked, *key_id, role))),
         Request::LockSet { locked } => {
             let what = match locked {
                 true => AccessChange::Locked,
@@ -218,6 +223,15 @@ impl<F: Flash> Keeper<F> {
             None => Ok(true),
             // The record first.
             Some((register, told)) => Ok(tell(told) && self.save(now, register).is_ok()),
+        }
+    }
+
+    /// Keys were kept, and there are none any more: as where they cannot be read.
+    #[inline(never)]
+    pub fn lose(&mut self, now: Micros) {
+        if self.save(now, KeyRegister::lost()).is_err() {
+            // The next start finds it so, too.
+            self.register = KeyRegister::lost();
         }
     }
 
@@ -279,8 +293,11 @@ impl<F: Flash> Keeper<F> {
     pub fn prepare(&mut self, request: &SessionRequest) -> Option<Work> {
         let signer = self.signer?;
         match request {
-            // A key that is refused costs nothing.
+            // A key that is refused costs nothing, and what has come again has its answer.
             SessionRequest::Begin(ask) => {
+                if self.begun(ask).is_some() {
+                    return None;
+                }
                 let role = self.register.role_of(&ask.key);
                 role.map(|_| Work::Draw(self.draw))
             }
@@ -300,6 +317,13 @@ impl<F: Flash> Keeper<F> {
         self.worked = worked;
     }
 
+    /// The challenge that this host has got and not answered: a line may double what it asked.
+    fn begun(&self, ask: &SessionAsk) -> Option<&SessionChallenge> {
+        let handshake = self.handshake.as_ref();
+        let handshake = handshake.filter(|handshake| handshake.answers(ask))?;
+        Some(handshake.challenge())
+    }
+
     /// A host asks for a session, and its share is drawn.
     ///
     /// # Errors
@@ -308,6 +332,9 @@ impl<F: Flash> Keeper<F> {
         let board_key = self.board_key().ok_or(NO_SESSIONS)?;
         if self.register.role_of(&ask.key).is_none() {
             return Err(self.wrong(now, AccessRefusal::KeyUnknown, Some(&ask.key)));
+        }
+        if let Some(challenge) = self.begun(ask) {
+            return Ok(*challenge);
         }
         let Some(Worked::Drawn(Some(drawn))) = self.worked.take() else {
             return Err(NO_SESSIONS);

@@ -207,6 +207,30 @@ impl<F: Flash> Guarded<F> {
         }
     }
 
+    /// Compares the keys with what is known elsewhere: a board that had an owner has one, for the last one
+    /// stays. Told at each start as long as the keys are lost.
+    pub fn compare(&mut self, now: Micros, measure: &mut Instrument<F>) {
+        let Some(keeper) = self.keeper() else {
+            return;
+        };
+        let custody = measure.ledger.custody.get_mut();
+        if let Some(custody) = custody {
+            let is_open = keeper.register().mode() == AccessMode::Open;
+            if is_open && custody.is_owned() {
+                keeper.lose(now);
+            }
+            custody.own(!is_open);
+        }
+        if keeper.register().is_lost() {
+            let told = Told {
+                what: AccessChange::Locked,
+                key_id: KeyId::default(),
+                role: Role::None,
+            };
+            measure.tell_access(now, told, None);
+        }
+    }
+
     /// Ends a wipe: everything else was erased, and the new journal has its first entries.
     pub fn end_wipe(&mut self, now: Micros, measure: &mut Instrument<F>) {
         let Some(wiping) = self.wiping() else {
@@ -335,9 +359,13 @@ fn change<F: Flash>(
     request: &Request,
 ) -> Result<bool, AccessRefusal> {
     let by = caller.key_id;
-    keeper.change(now, request, caller, |told| {
+    let kept = keeper.change(now, request, caller, |told| {
         measure.tell_access(now, told, by)
-    })
+    })?;
+    if kept && keeper.register().mode() != AccessMode::Open {
+        measure.note_owner(now);
+    }
+    Ok(kept)
 }
 
 fn done(kept: bool) -> Response {

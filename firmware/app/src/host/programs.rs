@@ -189,7 +189,11 @@ pub(crate) fn delete<F: Flash>(
 ) -> Result<(), StoreError<F::Error>> {
     let store = writable(measure)?;
     let program = store.find(number).ok_or(ProgramRefusal::NotThere)?;
-    store.delete(number)?;
+    // Each is a piece of evidence. A host asks again.
+    if !measure.ledger.deletions.take(now) {
+        return Err(ProgramRefusal::Busy.into());
+    }
+    writable(measure)?.delete(number)?;
     let crc32 = program.crc32;
     deleted(measure, now, number, crc32);
     Ok(())

@@ -55,6 +55,8 @@ pub(crate) struct Ledger<F: Flash> {
     pub refusals: Refusals,
     /// How often a host may change what is in force: each change is a piece of evidence.
     pub changes: Bucket<64, 2_000_000>,
+    /// The same of programs that are deleted: a flood of them takes no turn of what is in force.
+    pub deletions: Bucket<64, 2_000_000>,
     /// The latest verdict has released nothing because the journal is full.
     pub is_held_back: bool,
     /// Faults that are counted and not told yet.
@@ -113,6 +115,7 @@ impl<F: Flash> Ledger<F> {
             host_time: Micros(0),
             refusals: Refusals::new(),
             changes: Bucket::new(),
+            deletions: Bucket::new(),
             is_held_back: false,
             repeats: RepeatedFaults::new(),
             failures: 0,

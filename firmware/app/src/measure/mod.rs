@@ -219,6 +219,7 @@ impl<F: Flash> Instrument<F> {
             return Err(SetJobError::Storage);
         }
         let settings = settings.get_mut().ok_or(SetJobError::Storage)?;
+        let last_run = brain.run().last_run();
         if is_untouched(brain) && brain.job() == Some(job) && !ledger.unaudited {
             // It is in force as if it had just been set.
             return Ok(());
@@ -238,6 +239,9 @@ impl<F: Flash> Instrument<F> {
         brain.begin(job).map_err(SetJobError::Job)?;
         ledger.job_lost.clear();
         ledger.job_set(now, job);
+        // The control counts on, whatever the job.
+        self.count_on(now, last_run);
+        let ledger = &mut self.ledger;
         // Who reads the lines now knows of no program that has begun.
         ledger.upload.over(false);
         self.keep_punched(now);
@@ -448,7 +452,6 @@ fn is_untouched(brain: &Brain) -> bool {
     !run.is_under_way()
         && run.verdict().is_none()
         && run.taught().is_none()
-        && run.last_run().is_none()
         && brain.counters() == Counters::default()
 }
 

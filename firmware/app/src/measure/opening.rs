@@ -70,6 +70,10 @@ pub struct Opened<E> {
     pub programs: Result<(), programs::StoreError<E>>,
 }
 
+/// Kinds of records that say that keys, or a configuration, were kept.
+const ACCESS: u8 = 30;
+const CONFIG_SET: u8 = 28;
+
 impl<F: Flash> Instrument<F> {
     /// Starts: opens journal and settings and takes up the job and the reference
     /// that were in force.
@@ -162,7 +166,14 @@ impl<F: Flash> Instrument<F> {
     /// Takes up what is kept for the owner.
     #[inline(never)]
     fn open_custody(&mut self, now: Micros, flash: F) {
-        let custody = Custody::open(flash);
+        let mut custody = Custody::open(flash);
+        // Only where nothing was ever kept, or everything of it is gone: the evidence says which.
+        if custody.is_new()
+            && let Some(journal) = self.ledger.journal.get_mut()
+        {
+            let [is_owned, is_lost] = journal.tells([ACCESS, CONFIG_SET]);
+            custody.begin(now, is_owned, is_lost);
+        }
         let config = custody.kept().config;
         self.ledger.custody.put(custody);
         if config != BoardConfig::default() {
@@ -189,10 +200,7 @@ impl<F: Flash> Instrument<F> {
         }
         self.ledger.patience_us = patience_us(&job);
         self.ledger.job_set(now, &job);
-        if let Some(run) = self.ledger.in_custody().last_run {
-            self.brain.restore_last_run(run);
-            self.ledger.record(now, Record::LastRun { run });
-        }
+        self.count_on(now, None);
         if let Some((positions_mm, learned)) = taught {
             self.brain.restore_reference(Teaching {
                 places: &points(&positions_mm),

@@ -82,9 +82,35 @@ impl<F: Flash> Instrument<F> {
         Err(ConfigError::Storage)
     }
 
-    /// Keeps the greatest run that was judged, if it is another.
+    /// The board has an owner: known here, too, should the area of the keys be erased.
+    pub(crate) fn note_owner(&mut self, now: Micros) {
+        if let Some(custody) = self.ledger.custody.get_mut()
+            && !custody.is_owned()
+        {
+            custody.own(true);
+            let kept = *custody.kept();
+            if custody.save(now, kept).is_err() {
+                self.ledger.refused();
+            }
+        }
+    }
+
+    /// A job begins, and the runs that were judged before it are old: in the memory of this start, else as
+    /// they were kept.
+    pub(crate) fn count_on(&mut self, now: Micros, last_run: Option<u32>) {
+        if let Some(run) = last_run.or(self.ledger.in_custody().last_run) {
+            self.brain.restore_last_run(run);
+            self.ledger.record(now, Record::LastRun { run });
+        }
+    }
+
+    /// Keeps the greatest run that was judged, if it is another. Without a job there is none, and what
+    /// was kept stays.
     pub(crate) fn keep_last_run(&mut self, now: Micros) {
         let last_run = self.brain().run().last_run();
+        if last_run.is_none() {
+            return;
+        }
         let ledger = &mut self.ledger;
         let Some(custody) = ledger.custody.get_mut() else {
             return;

@@ -248,6 +248,12 @@ impl<F: Flash> Journal<F> {
         Ok(true)
     }
 
+    /// Gives up the rest of the current sector: the entry that comes next begins another one. For a copy
+    /// that must not go with what it is a copy of where a sector is damaged.
+    pub fn turn(&mut self) {
+        self.extent.tail = self.extent.layout.end(self.extent.head);
+    }
+
     /// Bytes left in the current sector. An entry takes [`OVERHEAD`] and its
     /// payload, padded to the alignment.
     #[must_use]

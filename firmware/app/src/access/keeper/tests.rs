@@ -16,7 +16,7 @@ use umi_core::trust::board_key::{BoardKey, NoEntropy};
 use umi_protocol::access::{AccessMode, KeyName};
 use umi_protocol::config::BoardConfig;
 use umi_protocol::job::name;
-use umi_protocol::message::{Identity, ResetReason};
+use umi_protocol::message::{Identity, Record, ResetReason};
 
 use crate::board::LineAbilities;
 use crate::measure::trust::custody::{Custody, NOTHING_KEPT};
@@ -193,7 +193,10 @@ fn deeds() -> Vec<fn(&KeyRegister) -> KeyRegister> {
         |of| or_same(of.enrolled(&key(1, Role::Owner)).unwrap(), of),
         |of| or_same(of.enrolled(&key(2, Role::Engineer)).unwrap(), of),
         |of| or_same(of.enrolled(&key(3, Role::Owner)).unwrap(), of),
-        |of| of.revoked(key_id(&key(1, Role::Owner).public)).unwrap().0,
+        |of| {
+            let revoked = of.revoked(key_id(&key(1, Role::Owner).public)).unwrap();
+            or_same(revoked.map(|(next, _)| next), of)
+        },
         |of| or_same(of.with_lock(true).unwrap(), of),
         |of| or_same(of.with_lock(false).unwrap(), of),
         |of| or_same(of.enrolled(&key(2, Role::Operator)).unwrap(), of),
@@ -460,6 +463,170 @@ impl Areas {
 /// Kind number of [`umi_protocol::message::Record::Wiped`].
 const WIPED: u8 = 32;
 
+/// A board with its areas erased.
+fn new_areas() -> Areas {
+    let cells = |sector: usize| Arc::new(Mutex::new(std::vec![0xFF; SECTORS * sector]));
+    Areas {
+        access: cells(SECTOR),
+        custody: cells(SECTOR),
+        journal: cells(16_384),
+        settings: cells(16_384),
+        programs: cells(SECTOR),
+    }
+}
+
+/// The board has an owner and a ceiling, set as a host sets them.
+fn owned_areas() -> (Areas, BoardConfig) {
+    let areas = new_areas();
+    let app = areas.started(&Cut::whole(&areas.access));
+    let mut measure = app.measure.try_lock().unwrap();
+    let mut guarded = app.guarded.try_lock().unwrap();
+    let keeper = guarded.keeper().unwrap();
+    for owner in [1, 2] {
+        let request = Request::KeyEnrol(key(owner, Role::Owner));
+        let caller = Caller::NOBODY;
+        let done = super::super::change(&mut measure, keeper, Micros(0), &caller, &request);
+        assert_eq!(done, Ok(true));
+    }
+    let mut config = BoardConfig::NEW;
+    config.ceilings.rms_mm = Some(0.01);
+    measure.set_config(Micros(0), &config).unwrap();
+    drop(measure);
+    (areas, config)
+}
+
+/// Whether the newest record of a board's access says that it locked itself.
+fn tells_of_lost_keys(areas: &Areas) -> bool {
+    let app = areas.started(&Cut::whole(&areas.access));
+    let mut measure = app.measure.try_lock().unwrap();
+    let journal = measure.ledger.journal.get_mut().unwrap();
+    let mut room = std::vec![0; umi_protocol::message::MAX_RECORD];
+    let mut told = false;
+    for seq in journal.first_seq()..journal.next_seq() {
+        let found = journal.read(seq, &mut room).unwrap();
+        if let Ok(Record::Access { what, role, by, .. }) = postcard::from_bytes(found.payload) {
+            told = (what, role, by) == (AccessChange::Locked, Role::None, None);
+        }
+    }
+    told
+}
+
+/// An area that was erased is not that of a new board, as long as another one knows better: a board
+/// that had an owner is locked, one that had a configuration takes the strictest, and both are told.
+/// A board that is new, or was wiped, is open and has none.
+#[test]
+#[cfg_attr(
+    not(feature = "owner"),
+    ignore = "without the feature `owner` a board has none"
+)]
+fn what_was_erased_is_not_new() {
+    let (areas, config) = owned_areas();
+    let erase = |cells: &Cells| cells.lock().unwrap().fill(0xFF);
+    let start = |areas: &Areas| areas.start(&Cut::whole(&areas.access));
+    for starts in 0..3 {
+        let same = areas.copied();
+        for _ in 0..=starts {
+            assert_eq!(start(&same), (AccessMode::Claimed, config, false));
+            assert!(!tells_of_lost_keys(&same));
+        }
+        erase(&same.access);
+        for _ in 0..2 {
+            assert_eq!(start(&same), (AccessMode::Locked, config, false));
+            assert!(tells_of_lost_keys(&same));
+        }
+    }
+    let strictest = BoardConfig::strictest();
+    let same = areas.copied();
+    erase(&same.custody);
+    for _ in 0..2 {
+        assert_eq!(start(&same), (AccessMode::Claimed, strictest, false));
+    }
+    erase(&same.access);
+    for _ in 0..2 {
+        assert_eq!(start(&same), (AccessMode::Locked, strictest, false));
+        assert!(tells_of_lost_keys(&same));
+    }
+    // The journal is not what the board of an owner is known by alone.
+    let same = areas.copied();
+    erase(&same.access);
+    erase(&same.journal);
+    assert_eq!(start(&same), (AccessMode::Locked, config, false));
+    let new = new_areas();
+    for _ in 0..3 {
+        assert_eq!(start(&new), (AccessMode::Open, BoardConfig::NEW, false));
+    }
+}
+
+/// What is asked for again, because the answer was lost, is done and told once: enrol, revoke, lock.
+#[test]
+#[cfg_attr(
+    not(feature = "owner"),
+    ignore = "without the feature `owner` a board has none"
+)]
+fn what_is_asked_for_again_is_done_once() {
+    let mut keeper = open(Cut::whole(&erased()), false);
+    let engineer = key(2, Role::Engineer);
+    let key_id = key_id(&engineer.public);
+    let mut told = Vec::new();
+    for request in [
+        Request::KeyEnrol(key(1, Role::Owner)),
+        Request::KeyEnrol(engineer),
+        Request::KeyRevoke { key_id },
+        Request::LockSet { locked: true },
+    ] {
+        for _ in 0..3 {
+            let done = keeper.change(Micros(0), &request, &Caller::NOBODY, |what| {
+                told.push(what.what);
+                true
+            });
+            assert_eq!(done, Ok(true), "{request:?}");
+        }
+    }
+    use AccessChange::{Enrolled, Locked, Revoked};
+    assert_eq!(told, [Enrolled, Enrolled, Revoked, Locked]);
+}
+
+/// Whichever sector is erased, and wherever its end reads as zeros: a key that was revoked is not
+/// back, and a board that was locked stays so.
+#[test]
+fn damage_of_a_sector_brings_no_key_back() {
+    let cells = erased();
+    let mut keeper = open(Cut::whole(&cells), false);
+    let mut register = keeper.register().clone();
+    for of in [1, 2, 3] {
+        register = register.enrolled(&key(of, Role::Owner)).unwrap().unwrap();
+        keeper.save(Micros(0), register.clone()).unwrap();
+    }
+    register = register.with_lock(true).unwrap().unwrap();
+    keeper.save(Micros(0), register.clone()).unwrap();
+    let revoked = key(2, Role::Owner).public;
+    register = register.revoked(key_id(&revoked)).unwrap().unwrap().0;
+    keeper.save(Micros(0), register.clone()).unwrap();
+    let whole = cells.lock().unwrap().clone();
+    let (mut as_it_was, mut locked) = (0, 0);
+    for sector in 0..SECTORS {
+        for (fill, from) in [(0xFF, 0)]
+            .into_iter()
+            .chain((0..SECTOR).step_by(16).map(|from| (0, from)))
+        {
+            let mut damaged = whole.clone();
+            damaged[sector * SECTOR..][from..SECTOR].fill(fill);
+            let found = open(Cut::whole(&Arc::new(Mutex::new(damaged))), false);
+            let found = found.register();
+            assert_eq!(found.mode(), AccessMode::Locked, "{sector} {fill} {from}");
+            assert_eq!(found.role_of(&revoked), None, "{sector} {fill} {from}");
+            let is_same = found.grants_as(&register);
+            as_it_was += usize::from(is_same);
+            locked += usize::from(!is_same);
+        }
+    }
+    // Only where a header went, nobody knows what stood behind it.
+    assert!(
+        as_it_was > 3 * (as_it_was + locked) / 4,
+        "{as_it_was} {locked}"
+    );
+}
+
 /// The power goes at every operation of a wipe, on any area: a board that has an owner still is as
 /// it was, or forgets everything, and tells so; the next start ends what has begun.
 #[test]
@@ -468,14 +635,7 @@ const WIPED: u8 = 32;
     ignore = "without the feature `owner` a board has none"
 )]
 fn a_power_cut_leaves_no_half_wiped_board() {
-    let cells = |sector: usize| Arc::new(Mutex::new(std::vec![0xFF; SECTORS * sector]));
-    let new = Areas {
-        access: cells(SECTOR),
-        custody: cells(SECTOR),
-        journal: cells(16_384),
-        settings: cells(16_384),
-        programs: cells(SECTOR),
-    };
+    let new = new_areas();
     let whole = Cut::whole(&new.access);
     let mut keeper = open(whole.clone(), true);
     let owner = keeper.register().enrolled(&key(1, Role::Owner)).unwrap();

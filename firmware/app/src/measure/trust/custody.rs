@@ -9,12 +9,21 @@
 //! after a trial finds what it had kept. A power cut on the way leaves the old entry or the new one.
 //! A single field that cannot be used is as strict as it can be, and the others are as they were.
 //!
+//! Each entry is written twice, so that damage at rest in one of them costs nothing. Where the configuration changes, the second
+//! stands in another sector. If none can be read where something was, or the ring itself cannot be
+//! opened, the board takes the strictest configuration and says so, until its owner has set another.
+//! A new board keeps an entry at its first start. So an area that reads as if it had never been written is that
+//! of a new board, or was erased: then the evidence tells of a configuration, and the strictest counts.
+//!
+//! An entry says whether the board had an owner when it was kept, by its kind: should the area of
+//! the keys be erased, the board does not become open.
+//!
 //! # Limitations
 //!
-//! Each entry is written twice, so that damage at rest in one of them costs nothing. If none can be read where something was, or the ring itself cannot be
-//! opened, the board takes the strictest configuration and says so, until its owner has set another.
-//! A sector that reads as if it had never been begun is that of a new board; so is one in which a
-//! damaged ring was just begun anew, where power is cut before the owner has got the answer.
+//! A run is judged more often than a sector should be erased: the number of the last one stands twice in one sector.
+//! Where that is damaged at rest, an older one counts.
+//! A damaged ring that was just begun anew is that of a new board to its evidence only, where power is cut before the
+//! owner has got the answer.
 
 use serde::{Deserialize, Serialize};
 use umi_core::journal::{Flash, Journal};
@@ -26,6 +35,9 @@ use umi_protocol::job_error::JobError;
 
 /// Kind number of the entries. A later layout gets another.
 const KIND: u8 = 2;
+
+/// The same of a board that has an owner.
+const KIND_OWNED: u8 = 3;
 
 /// Of the layout before: [`KeptBefore`].
 const KIND_BEFORE: u8 = 1;
@@ -39,7 +51,7 @@ pub(crate) struct Kept {
     pub config: BoardConfig,
     /// The entries before this one are kept elsewhere.
     pub acked: u64,
-    /// The greatest run that was judged with the job in force.
+    /// The greatest run that was judged, with whatever job: the control counts on.
     pub last_run: Option<u32>,
 }
 
@@ -106,6 +118,7 @@ pub(crate) struct Custody<F: Flash> {
     ring: Ring<F>,
     kept: Kept,
     is_fallback: bool,
+    is_owned: bool,
 }
 
 impl<F: Flash> Custody<F> {
@@ -121,6 +134,10 @@ impl<F: Flash> Custody<F> {
             }
             Err(damaged) => (Ring::Damaged(damaged.flash), None, true),
         };
+        let (found, is_owned) = match found {
+            Some((kept, is_owned)) => (Some(kept), is_owned),
+            None => (None, false),
+        };
         let is_fallback = found.is_none() && was_there;
         let mut kept = found.unwrap_or(NOTHING_KEPT);
         if is_fallback {
@@ -130,7 +147,35 @@ impl<F: Flash> Custody<F> {
             ring,
             kept,
             is_fallback,
+            is_owned,
         }
+    }
+
+    /// Whether nothing was ever kept here, as far as can be seen.
+    pub fn is_new(&self) -> bool {
+        matches!(&self.ring, Ring::Open(ring) if ring.next_seq() == 0) && !self.is_fallback
+    }
+
+    /// Begins with nothing kept, or as strictly as can be where something was kept and is gone.
+    pub fn begin(&mut self, now: Micros, is_owned: bool, is_lost: bool) {
+        self.is_owned = is_owned;
+        if is_lost {
+            self.is_fallback = true;
+            self.kept.config = BoardConfig::strictest();
+        } else {
+            // What is not kept is looked for again at the next start.
+            let _ = self.save(now, self.kept);
+        }
+    }
+
+    /// Whether the board had an owner.
+    pub fn is_owned(&self) -> bool {
+        self.is_owned
+    }
+
+    /// It has one, or not: said by what is kept next.
+    pub fn own(&mut self, is_owned: bool) {
+        self.is_owned = is_owned;
     }
 
     /// What is kept.
@@ -162,28 +207,33 @@ impl<F: Flash> Custody<F> {
         }
         let mut room = [0; MOST];
         let payload = postcard::to_slice(&kept, &mut room).map_err(|_| NotInCustody)?;
+        let kind = if self.is_owned { KIND_OWNED } else { KIND };
         let ring = self.ring.open()?;
-        ring.append(KIND, now, payload).map_err(|_| NotInCustody)?;
+        ring.append(kind, now, payload).map_err(|_| NotInCustody)?;
+        if kept.config != self.kept.config {
+            ring.turn();
+        }
         // Damage at rest in one of the two costs no ceiling, and no run. Without the second it is kept none the less.
-        let _ = ring.append(KIND, now, payload);
+        let _ = ring.append(kind, now, payload);
         self.kept = kept;
         self.is_fallback = false;
         Ok(())
     }
 }
 
-/// An entry, if it is one that this firmware knows; what of its configuration cannot be used is as
-/// strict as it can be.
-fn read<F: Flash>(ring: &mut Journal<F>, seq: u64) -> Option<Kept> {
+/// An entry, if it is one that this firmware knows, and whether the board had an owner; what of its configuration
+/// cannot be used is as strict as it can be.
+fn read<F: Flash>(ring: &mut Journal<F>, seq: u64) -> Option<(Kept, bool)> {
     let mut room = [0; MOST];
     let entry = ring.read(seq, &mut room).ok()?.entry;
     let mut kept = match entry.kind {
-        KIND => whole::<Kept>(entry.payload),
+        KIND | KIND_OWNED => whole::<Kept>(entry.payload),
         KIND_BEFORE => whole::<KeptBefore>(entry.payload).map(Kept::from),
         _ => None,
     }?;
+    let is_owned = entry.kind == KIND_OWNED;
     kept.config.strict_where_bad();
-    Some(kept)
+    Some((kept, is_owned))
 }
 
 /// What was kept, to the last byte: more of them would be of another layout.
@@ -368,7 +418,7 @@ mod tests {
         }
     }
 
-    /// A bit that has changed anywhere costs no ceiling: the configuration is as it was, or the strictest.
+    /// A bit that has changed anywhere costs nothing, nor does a sector: the configuration stands in two of them.
     #[test]
     fn damage_costs_no_ceiling() {
         let flash = RamFlash::new();
@@ -377,35 +427,23 @@ mod tests {
         opened.save(Micros(2), configured()).unwrap();
         let whole = flash.bytes();
         let used = whole.iter().rposition(|byte| *byte != 0xFF).unwrap();
-        let (mut as_it_was, mut strict) = (0, 0);
+        assert!(used > 4096, "{used}");
+        let is_as_it_was = |damaged: &[u8]| {
+            let opened = Custody::open(RamFlash::of(damaged));
+            opened.kept() == &configured() && opened.fallbacks().is_empty()
+        };
         for bit in 0..8 * (used + 1) {
             let mut damaged = whole.clone();
             damaged[bit / 8] ^= 1 << (bit % 8);
-            let flash = RamFlash::of(&damaged);
-            let mut opened = Custody::open(flash.clone());
-            let strictest = BoardConfig::strictest();
-            let told = opened.fallbacks().len() == ConfigField::ALL.len();
-            match opened.kept().config {
-                config if config == configured().config => as_it_was += 1,
-                config => {
-                    assert!(config == strictest && told, "bit {bit}: {config:?}");
-                    strict += 1;
-                    // A run that is judged leaves it so; what the owner sets is kept.
-                    let run = Kept {
-                        last_run: Some(3),
-                        ..*opened.kept()
-                    };
-                    opened.save(Micros(3), run).unwrap();
-                    let mut opened = Custody::open(flash.clone());
-                    assert_eq!(opened.kept().config, strictest, "bit {bit}");
-                    opened.save(Micros(4), configured()).unwrap();
-                    let opened = Custody::open(flash);
-                    assert_eq!(opened.kept(), &configured(), "bit {bit}");
-                }
+            assert!(is_as_it_was(&damaged), "bit {bit}");
+        }
+        for sector in 0..2 {
+            for fill in [0x00, 0xFF] {
+                let mut damaged = whole.clone();
+                damaged[sector * 4096..][..4096].fill(fill);
+                assert!(is_as_it_was(&damaged), "sector {sector}, {fill:02x}");
             }
         }
-        // Its header is there once.
-        assert!(as_it_was > 4 * used && strict > 0, "{as_it_was} {strict}");
     }
 
     /// Every entry fits.

@@ -5,7 +5,7 @@
 //! | `custody` | what is kept for the owner: configuration, acknowledged entries, the last run |
 //! | [`heads`] | when the board signs for its journal |
 //! | `signer` | who signs for it, and what is known of what was signed |
-//! | `refusals` | what somebody was refused: one record a minute for each reason |
+//! | `refusals` | what somebody was refused: one record a minute |
 //! | `bucket` | how often somebody may do what costs room for evidence |
 
 pub(crate) mod bucket;

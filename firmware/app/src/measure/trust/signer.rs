@@ -57,11 +57,13 @@ pub(crate) struct Heads {
     pub is_due: bool,
     /// When the latest input came.
     pub latest: Micros,
-    /// How often hosts may ask for one over a new nonce: each is a piece of evidence.
-    turns: Bucket<32, 10_000_000>,
-    /// The same for those with a key, from whom nobody else takes a turn.
+    /// How often strangers may ask for one over a new nonce: each is a piece of evidence, and they fill
+    /// no megabyte of it within a week.
+    turns: Bucket<8, 600_000_000>,
+    /// How often those with a key may, and everybody while the board has no owner. Nobody else takes
+    /// a turn of theirs.
     known_turns: Bucket<32, 10_000_000>,
-    /// Who waits has a key.
+    /// Who waits is no stranger.
     is_known: bool,
 }
 
@@ -104,15 +106,14 @@ impl Heads {
         self.latest = now;
     }
 
-    /// A host asks for one over this nonce: in its session, or anybody.
+    /// A host asks for one over this nonce: in its session or of an open board, or a stranger.
     pub fn ask(&mut self, nonce: [u8; 32], now: Micros, is_known: bool) {
         let is_taken = self.is_known && !is_known && self.asked.is_some();
-        let turns = if is_known {
-            &mut self.known_turns
-        } else {
-            &mut self.turns
+        let mut may = || match is_known {
+            true => self.known_turns.take(now),
+            false => self.turns.take(now),
         };
-        if !is_taken && !has_asked(&self.asked, &nonce) && turns.take(now) {
+        if !is_taken && !has_asked(&self.asked, &nonce) && may() {
             self.asked.put((nonce, now));
             self.is_known = is_known;
         }
@@ -129,19 +130,22 @@ mod tests {
     use super::*;
 
     /// Whoever asks without a key for one head after the other takes no turn of those who have one, and puts no nonce in
-    /// the place of theirs.
+    /// the place of theirs. In eight hours there are few.
     #[test]
     fn a_stranger_takes_no_turn_of_a_key() {
         let mut heads = Heads::new();
         let mut taken = 0;
-        for nonce in 0..200 {
-            heads.ask([nonce; 32], Micros(0), false);
+        for second in 0..8 * 3600_u64 {
+            let mut nonce = [0; 32];
+            nonce[..8].copy_from_slice(&second.to_le_bytes());
+            heads.ask(nonce, Micros(second * 1_000_000), false);
             taken += u32::from(heads.asked.take().is_some());
         }
-        assert!(taken <= 32, "{taken}");
-        heads.ask([201; 32], Micros(0), true);
+        assert_eq!(taken, 8 + 8 * 6 - 1);
+        let now = Micros(8 * 3_600_000_000);
+        heads.ask([201; 32], now, true);
         assert!(has_asked(&heads.asked, &[201; 32]));
-        let later = Micros(60_000_000);
+        let later = Micros(now.0 + 600_000_000);
         heads.ask([202; 32], later, false);
         assert!(has_asked(&heads.asked, &[201; 32]));
         heads.asked.take();

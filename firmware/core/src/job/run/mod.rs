@@ -107,7 +107,8 @@ pub struct Run {
     pending: Vec<Reason, 4>,
     /// The program's run, where the lines say it.
     run: Option<u32>,
-    /// The greatest run that was judged, since the job was set: also before a restart.
+    /// The greatest run that was judged since the job began, or was put back behind that
+    /// ([`Self::restore_last_run`]): a board does that with what it knows, also from before a restart.
     last_run: Option<u32>,
     /// That run, if the one under way is not after it.
     older_than: Option<u32>,

@@ -36,7 +36,7 @@ impl Run {
         self.last_run
     }
 
-    /// Puts back what it was before a restart.
+    /// Puts back what it was before the job began, or the board restarted.
     pub fn restore_last_run(&mut self, run: u32) {
         self.last_run = Some(run);
     }

@@ -270,6 +270,24 @@ impl<F: Flash> Archive<F> {
         Ok(gone - b.saturating_sub(a).min(gone))
     }
 
+    /// Of which of these kinds, that are evidence, there are records. Reads all of them: not for each start. What
+    /// cannot be read says nothing.
+    pub fn tells<const N: usize>(&mut self, kinds: [u8; N]) -> [bool; N] {
+        let mut found = [false; N];
+        let ring = match self.evidence.get_mut() {
+            Some(Evidence { ring, .. }) => ring,
+            None => &mut self.journal,
+        };
+        for number in ring.first_seq()..ring.next_seq() {
+            if let Ok(piece) = ring.read_piece(number, 0, &mut []) {
+                for (found, kind) in found.iter_mut().zip(kinds) {
+                    *found |= kind == piece.kind;
+                }
+            }
+        }
+        found
+    }
+
     /// Whether little more evidence can be kept before some from entry `from` on is overwritten.
     ///
     /// # Errors

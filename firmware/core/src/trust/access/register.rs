@@ -47,6 +47,19 @@ impl KeyRegister {
         }
     }
 
+    /// Whether it could not be read.
+    #[must_use]
+    pub fn is_lost(&self) -> bool {
+        self.lost
+    }
+
+    /// Whether the same keys may do the same.
+    #[must_use]
+    pub fn grants_as(&self, other: &Self) -> bool {
+        let rights = |of: &Self| (of.locked, of.lost);
+        self.keys == other.keys && rights(self) == rights(other)
+    }
+
     /// Who may do what.
     #[must_use]
     pub fn mode(&self) -> AccessMode {
@@ -108,12 +121,14 @@ impl KeyRegister {
     /// Without this key, and what it was for. None: it is not known already.
     ///
     /// # Errors
-    /// [`AccessRefusal::LastOwner`], [`AccessRefusal::KeyUnknown`].
-    pub fn revoked(&self, id: KeyId) -> Result<(Self, Role), AccessRefusal> {
-        let role = self.find(id).ok_or(AccessRefusal::KeyUnknown)?.role;
+    /// [`AccessRefusal::LastOwner`].
+    pub fn revoked(&self, id: KeyId) -> Result<Option<(Self, Role)>, AccessRefusal> {
+        let Some(role) = self.find(id).map(|known| known.role) else {
+            return Ok(None);
+        };
         let mut register = self.clone();
         register.keys.retain(|known| key_id(&known.public) != id);
-        Ok((register.with_an_owner()?, role))
+        Ok(Some((register.with_an_owner()?, role)))
     }
 
     /// Locked or not; none: it is so already.
@@ -195,9 +210,9 @@ mod tests {
         let lower = owned.enrolled(&key(1, Role::Engineer));
         assert_eq!(lower, Err(AccessRefusal::LastOwner));
         let two = owned.enrolled(&key(2, Role::Owner)).unwrap().unwrap();
-        let (one, role) = two.revoked(id).unwrap();
+        let (one, role) = two.revoked(id).unwrap().unwrap();
         assert_eq!((one.keys().len(), role), (1, Role::Owner));
-        assert_eq!(one.revoked(id), Err(AccessRefusal::KeyUnknown));
+        assert_eq!(one.revoked(id), Ok(None));
     }
 
     /// Points of a small order and what is no point prove nothing; a register that is full says so.
@@ -261,7 +276,7 @@ mod tests {
                 let key = key(of, role);
                 let next = match deed {
                     0 => register.enrolled(&key).ok().flatten(),
-                    1 => register.revoked(key_id(&key.public)).ok().map(|(next, _)| next),
+                    1 => register.revoked(key_id(&key.public)).ok().flatten().map(|(next, _)| next),
                     deed => register.with_lock(deed == 2).ok().flatten(),
                 };
                 register = next.unwrap_or(register);

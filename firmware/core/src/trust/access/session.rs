@@ -193,6 +193,12 @@ impl BoardHandshake {
         &self.ask.key
     }
 
+    /// Whether it is the answer to this, which has come again.
+    #[must_use]
+    pub fn answers(&self, ask: &SessionAsk) -> bool {
+        self.ask == *ask
+    }
+
     /// Looks at the proof: the session, and what the board is to sign; none: it is wrong. Either way
     /// the challenge is used up.
     #[must_use]

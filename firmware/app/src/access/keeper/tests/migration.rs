@@ -122,12 +122,10 @@ fn a_power_cut_while_settings_migrate_leaves_them_whole() {
     let mut with_job = acknowledged.clone();
     with_job.job.name = name("OTHER");
     with_job.places = None;
-    // The run that was judged belongs to the job before, and is forgotten behind it.
-    let mut last = with_job.clone();
-    last.kept.last_run = None;
-    let states = [first, configured, acknowledged, with_job, last];
+    // The run that was judged before is old with the next job, too.
+    let states = [first, configured, acknowledged, with_job];
 
-    let mut found_at = [0; 5];
+    let mut found_at = [0; 4];
     let mut cuts = 0;
     'cuts: for cut_at in 1.. {
         for quarters in 0..4 {
@@ -154,14 +152,14 @@ fn a_power_cut_while_settings_migrate_leaves_them_whole() {
             let at = states.iter().position(|state| *state == found);
             let at = at.unwrap_or_else(|| panic!("cut {cut_at}, {quarters} quarters: {found:?}"));
             // What was said to be kept is; of what was not, a part that is whole.
-            let most = if done == 2 { 4 } else { done + 1 };
+            let most = done + 1;
             assert!(
                 (done..=most).contains(&at),
                 "cut {cut_at}, {quarters} quarters, {done} done: {at}"
             );
             found_at[at] += 1;
             if !is_cut {
-                assert!(is_whole && at == 4);
+                assert!(is_whole && at == 3);
                 break 'cuts;
             }
             cuts += 1;
@@ -169,4 +167,48 @@ fn a_power_cut_while_settings_migrate_leaves_them_whole() {
     }
     assert!(cuts > 100, "{cuts}");
     assert!(found_at.iter().all(|times| *times > 0), "{found_at:?}");
+}
+
+/// The control counts its runs on, whatever the job: a run that was judged is old with another job and
+/// with the same one set again, under another name, and behind a restart. A board that has lost its job forgets no run.
+#[test]
+#[cfg_attr(
+    not(feature = "owner"),
+    ignore = "without the feature `owner` a board has none"
+)]
+fn a_run_stays_old_whatever_the_job() {
+    let areas = before();
+    let app = areas.started(&Cut::whole(&areas.access));
+    let first = in_force(&app).job;
+    let mut other = first.clone();
+    other.name = name("OTHER");
+    let mut measure = app.measure.try_lock().unwrap();
+    assert_eq!(measure.brain().run().last_run(), Some(42));
+    let first_seq = measure.ledger.journal.get().unwrap().next_seq();
+    for job in [&other, &first, &other] {
+        measure.set_job(Micros(1), job).unwrap();
+        assert_eq!(measure.brain().run().last_run(), Some(42), "{}", job.name);
+    }
+    // Who replays the journal knows it, too.
+    let journal = measure.ledger.journal.get_mut().unwrap();
+    let mut room = std::vec![0; umi_protocol::message::MAX_RECORD];
+    let kinds: Vec<u8> = (first_seq..journal.next_seq())
+        .map(|seq| journal.read(seq, &mut room).unwrap().kind)
+        .collect();
+    assert_eq!(kinds, [2, 29, 2, 29, 2, 29]);
+    drop(measure);
+    let again = areas.started(&Cut::whole(&areas.access));
+    assert_eq!(in_force(&again).kept.last_run, Some(42));
+    assert_eq!(
+        again.measure.try_lock().unwrap().brain().run().last_run(),
+        Some(42)
+    );
+
+    areas.settings.lock().unwrap().fill(0xFF);
+    let without = areas.started(&Cut::whole(&areas.access));
+    let mut measure = without.measure.try_lock().unwrap();
+    assert_eq!(measure.brain().job(), None);
+    measure.on_time(Micros(2));
+    measure.set_job(Micros(3), &first).unwrap();
+    assert_eq!(measure.brain().run().last_run(), Some(42));
 }

@@ -285,7 +285,7 @@ fn the_count_of_runs_goes_on_behind_its_end() {
 }
 
 /// A run that is not after the last one that was judged is old: also after a restart, and whatever
-/// its lines say. The count begins anew with the job.
+/// its lines say. With another job a board puts back what it knows, and the count goes on.
 #[test]
 fn a_run_that_is_not_after_the_last_is_old() {
     let mut numbered = with_ids(job());
@@ -328,9 +328,15 @@ fn a_run_that_is_not_after_the_last_is_old() {
         ["old_run no_reference", "old_run no_reference", "OK", "OK"]
     );
     again.begin(numbered);
+    again.restore_last_run(20);
     let mut outcome = Outcome::default();
-    send(&mut again, &mut outcome, &clamping(0, [1, 2, 3]), 1);
-    assert_eq!(outcome.summary(), ["OK"]);
+    for (case, number) in [(0, 20), (1, 1), (2, 21)] {
+        send(&mut again, &mut outcome, &clamping(case, [1, 2, 3]), number);
+    }
+    assert_eq!(
+        outcome.summary(),
+        ["old_run no_reference", "old_run no_reference", "OK"]
+    );
 }
 
 /// A run's number that is used again behind its verdict: its lines are dropped, and one verdict
