@@ -5,6 +5,13 @@ use std::path::Path;
 
 use serde_json::{Map, Value, json};
 
+/// A text of somebody else as one line: its line ends stand there in letters, so that it makes no line
+/// that looks like one of ours.
+#[must_use]
+pub fn one_line(text: impl fmt::Display) -> String {
+    text.to_string().replace('\r', "\\r").replace('\n', "\\n")
+}
+
 /// Why something could not be done, or was done with the answer no.
 #[derive(Debug)]
 pub struct Problem {

@@ -47,7 +47,8 @@ pub fn version_text([major, minor, patch]: ImageVersion) -> String {
 /// Signs a payload: the file's bytes.
 ///
 /// # Errors
-/// `image_too_long`; `usage`: the board's name has more than 16 bytes.
+/// `image_too_long`; `usage`: the board's name has no character, more than 16 bytes, or control
+/// characters.
 pub fn sign(
     payload: &[u8],
     board: &str,
@@ -56,7 +57,12 @@ pub fn sign(
     maker: &SigningKey,
 ) -> Result<(ImageHeader, Vec<u8>), Problem> {
     let board = Name::try_from(board)
-        .map_err(|_| Problem::trouble("usage", "the kind of board has 16 bytes at most"))?;
+        .ok()
+        .filter(|board| !board.is_empty() && !board.contains(char::is_control))
+        .ok_or_else(|| {
+            let message = "the kind of board has 1 to 16 bytes, and no control characters: give it as umi info says it";
+            Problem::trouble("usage", message)
+        })?;
     let length = u32::try_from(payload.len())
         .map_err(|_| Problem::refused("image_too_long", "the payload has more than 4 GB"))?;
     let header = ImageHeader {

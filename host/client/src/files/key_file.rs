@@ -9,6 +9,7 @@ use ed25519_dalek::VerifyingKey;
 use ed25519_dalek::pkcs8::spki::der::pem::LineEnding;
 use ed25519_dalek::pkcs8::{
     DecodePrivateKey as _, DecodePublicKey as _, EncodePrivateKey as _, EncodePublicKey as _,
+    KeypairBytes,
 };
 
 use crate::journal::nonce;
@@ -124,9 +125,14 @@ pub struct NewKey {
 pub fn new(path: &Path, passphrase: Option<&str>) -> Result<NewKey, Problem> {
     let signing = SigningKey::from_bytes(&nonce()?);
     let public = signing.verifying_key().to_bytes();
+    // Without the public key in it, as openssl writes it: version 1. Others refuse version 2.
+    let version_1 = KeypairBytes {
+        secret_key: signing.to_bytes(),
+        public_key: None,
+    };
     let text = match passphrase {
-        None => signing.to_pkcs8_pem(LineEnding::LF),
-        Some(passphrase) => signing.to_pkcs8_encrypted_pem(passphrase, LineEnding::LF),
+        None => version_1.to_pkcs8_pem(LineEnding::LF),
+        Some(passphrase) => version_1.to_pkcs8_encrypted_pem(passphrase, LineEnding::LF),
     };
     let text = text.map_err(|error| Problem::trouble("key", error))?;
     let mut name = path.as_os_str().to_owned();
@@ -183,6 +189,13 @@ mod tests {
         let text = std::fs::read_to_string(&plain).unwrap();
         let signing = SigningKey::from_pkcs8_pem(&text).unwrap();
         assert_eq!(signing.verifying_key().to_bytes(), made.public);
+        // Version 1, as in RFC 8410, section 10.3, first example: what others read.
+        let is_version_1 = |text: &str| text.contains("\nMC4CAQAwBQYDK2VwBCIEI");
+        assert!(is_version_1(&text), "{text}");
+        let before = signing.to_pkcs8_pem(LineEnding::LF).unwrap();
+        assert!(!is_version_1(&before));
+        let read_before = SigningKey::from_pkcs8_pem(&before).unwrap();
+        assert_eq!(read_before, signing, "version 2 is read as ever");
         #[cfg(unix)]
         {
             use std::os::unix::fs::PermissionsExt as _;

@@ -57,7 +57,7 @@ impl Basis {
     /// verdict is not OK, or it is the last one and the board took it back. As [`verify::verify`];
     /// `unsigned`: no head vouches for the verdict; `replay_differs`.
     pub fn verdict(path: &Path, which: WhichVerdict, word: &JournalWord) -> Result<Self, Problem> {
-        let bytes = std::fs::read(path).map_err(|error| Problem::file("read", path, &error))?;
+        let bytes = journal::load(path)?;
         if umi_core::journal::decode_file(&bytes).is_err() {
             if matches!(word, JournalWord::Of(_)) {
                 return Err(Problem::trouble(

@@ -4,10 +4,6 @@ use umi_protocol::access::{AccessChange, AccessMode, Role};
 use umi_protocol::message::Record;
 
 /// Follows the records of a journal, or of a board that reports.
-///
-/// # Limitations
-///
-/// A board that has lost its keys is locked, and no record says so.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Guarding {
     mode: Option<AccessMode>,

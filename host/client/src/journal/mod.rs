@@ -7,6 +7,9 @@ mod pull;
 pub mod verify;
 
 use std::fmt;
+use std::fs::File;
+use std::io::Read as _;
+use std::path::Path;
 
 use umi_core::journal::{Chain, Entry, Gap, JournalFault};
 use umi_protocol::config::AccessConfig;
@@ -41,6 +44,36 @@ impl Stretch {
             held.saturating_sub(count(*first, *next))
         })
     }
+}
+
+/// Longer than any journal's file, in bytes: sixteen times the largest memory that a board can have (16 MB).
+const LONGEST: u64 = 256 << 20;
+
+/// The bytes of a journal's file. What is longer than any, or has no end, is none.
+///
+/// # Errors
+/// It cannot be read; `file_too_long`.
+pub fn load(path: &Path) -> Result<Vec<u8>, Problem> {
+    load_up_to(path, LONGEST)
+}
+
+fn load_up_to(path: &Path, longest: u64) -> Result<Vec<u8>, Problem> {
+    let failed = |error| Problem::file("read", path, &error);
+    let file = File::open(path).map_err(failed)?;
+    let is_longer = file.metadata().is_ok_and(|about| about.len() > longest);
+    let mut bytes = Vec::new();
+    if !is_longer {
+        let read = file.take(longest + 1).read_to_end(&mut bytes);
+        read.map_err(failed)?;
+    }
+    if is_longer || bytes.len() as u64 > longest {
+        let message = format_args!(
+            "{} has more than {longest} bytes: no board's journal is as long",
+            path.display()
+        );
+        return Err(Problem::trouble("file_too_long", message));
+    }
+    Ok(bytes)
 }
 
 /// What stands in a journal's file.
@@ -340,6 +373,22 @@ mod tests {
                 payload: before,
             });
             assert_eq!(read, Ok(record_now));
+        }
+    }
+
+    /// What is longer than a journal can be is refused before it is read, and what has no end when it is as long.
+    #[test]
+    fn what_is_too_long_is_no_journal() {
+        let path = std::env::temp_dir().join(format!("umi-journal-{}", std::process::id()));
+        std::fs::write(&path, [7; 10]).unwrap();
+        assert_eq!(load_up_to(&path, 10).unwrap(), [7; 10]);
+        assert_eq!(load_up_to(&path, 9).unwrap_err().code, "file_too_long");
+        File::create(&path).unwrap().set_len(LONGEST + 1).unwrap();
+        assert_eq!(load(&path).unwrap_err().code, "file_too_long");
+        std::fs::remove_file(&path).unwrap();
+        if cfg!(unix) {
+            let endless = load_up_to(Path::new("/dev/zero"), 1000);
+            assert_eq!(endless.unwrap_err().code, "file_too_long");
         }
     }
 }

@@ -11,7 +11,7 @@ use umi_protocol::pattern::{
 use umi_protocol::program::Withheld;
 use umi_protocol::serial::Cts;
 
-use crate::show::terminal::{CAUTION, FAINT, TITLE, Table, count, fixed, paint};
+use crate::show::terminal::{CAUTION, FAINT, TITLE, Table, count, fixed, one_line, paint};
 use serde_json::{Value, json};
 use umi_client::job::guards::{ASSUMED_RADIUS_MM, GuardTable, SeenFrom};
 use umi_core::correction::dialect::{form, is_read_back};
@@ -20,7 +20,10 @@ use umi_core::job::{judges_touches, moves_something};
 /// What a job probes, judges and sends.
 #[must_use]
 pub fn text(job: &Job) -> String {
-    let mut text = format!("{}\n", paint(TITLE, format_args!("job {}", job.name)));
+    let mut text = format!(
+        "{}\n",
+        paint(TITLE, format_args!("job {}", one_line(&job.name)))
+    );
     let mut general = Table::new("<<");
     general.row([
         "reference",

@@ -10,6 +10,7 @@ use std::io::{self, Write as _};
 
 pub use anstyle::Style;
 use anstyle::{AnsiColor, Effects};
+pub use umi_client::problem::one_line;
 use umi_report::terminal::ink;
 pub use umi_scan::solve::student::coverage_95;
 
@@ -165,11 +166,14 @@ impl Table {
         self.styled(cells.into_iter().map(|cell| (PLAIN, cell)));
     }
 
-    /// One more row, each cell with its style.
+    /// One more row, each cell with its style. No text makes two rows.
     pub fn styled<T: Into<String>>(&mut self, cells: impl IntoIterator<Item = (Style, T)>) {
         let cells = cells.into_iter();
-        self.rows
-            .push(cells.map(|(style, text)| (style, text.into())).collect());
+        self.rows.push(
+            cells
+                .map(|(style, text)| (style, one_line(text.into())))
+                .collect(),
+        );
     }
 
     fn width(&self, column: usize) -> usize {

@@ -1,7 +1,7 @@
 //! Events and journal records in words for people, one line each.
 
 use umi_client::journal::hex;
-use umi_protocol::access::{AccessChange, AccessMode};
+use umi_protocol::access::{AccessChange, AccessMode, Role};
 use umi_protocol::fault::Fault;
 use umi_protocol::feature::FeatureResult;
 use umi_protocol::job::Approach;
@@ -14,7 +14,8 @@ use umi_protocol::update::UpdateState;
 use umi_protocol::verdict::Verdict;
 
 use crate::show::terminal::{
-    BAD, CAUTION, FAINT, GOOD, PLAIN, Plain, Style, count, count as count_of, fixed, paint,
+    BAD, CAUTION, FAINT, GOOD, PLAIN, Plain, Style, count, count as count_of, fixed, one_line,
+    paint,
 };
 use crate::show::utc::utc;
 use umi_client::axes::{self, Scale};
@@ -77,6 +78,15 @@ pub fn teaching(of: &TeachPending, now_us: u64) -> String {
 /// A journal record.
 #[must_use]
 pub fn record(record: &Record) -> String {
+    let text = words(record);
+    match record {
+        // A reason on each line.
+        Record::Verdict(_) | Record::Feature(_) => text,
+        _ => one_line(text),
+    }
+}
+
+fn words(record: &Record) -> String {
     match record {
         Record::Boot {
             identity,
@@ -160,6 +170,10 @@ pub fn record(record: &Record) -> String {
             match what {
                 AccessChange::Enrolled => format!("key {key} enrolled as {}{by}", role.name()),
                 AccessChange::Revoked => format!("key {key} ({}) revoked{by}", role.name()),
+                // Nobody's deed: the board has found it so.
+                AccessChange::Locked if *role == Role::None => {
+                    "board locked: the keys that it knew are lost".to_owned()
+                }
                 AccessChange::Locked => format!("board locked{by}"),
                 AccessChange::Unlocked => format!("board unlocked{by}"),
             }
@@ -193,7 +207,7 @@ pub fn record(record: &Record) -> String {
                 ),
                 UpdateState::Reverted => paint(
                     BAD,
-                    format_args!("image {to} did not confirm itself: {from} runs again"),
+                    format_args!("image {to} did not confirm itself, or was changed where it stands: {from} runs"),
                 ),
                 UpdateState::Trial | UpdateState::None => {
                     format!("image {to} came in place of {from}, and starts on trial")
@@ -332,7 +346,7 @@ pub fn program(of: &ProgramInfo) -> String {
     format!(
         "O{:04} {}, {} bytes, check value {:08X}, {}{}",
         of.number,
-        of.name,
+        one_line(&of.name),
         of.bytes,
         of.crc32,
         release(&of.release),
@@ -466,7 +480,7 @@ pub fn line(line: &LineReport) -> String {
         "line {} {}: \"{}\"",
         line.number,
         paint(style, status),
-        line.text
+        one_line(&line.text)
     )
 }
 
@@ -476,7 +490,7 @@ pub fn hit(hit: &HitReport) -> String {
     let [x, y, z] = hit.position_mm.map(Plain);
     let mut text = "hit".to_owned();
     if let Some(feature) = &hit.feature {
-        text += &format!(" on {feature}");
+        text += &format!(" on {}", one_line(feature));
     }
     text += &format!(" at ({x:.4}, {y:.4}, {z:.4}) mm");
     if let Some(approach) = hit.approach {
@@ -581,7 +595,7 @@ pub fn feature(result: &FeatureResult) -> String {
     };
     let mut text = format!(
         "feature {} of setup {} {status}: {}",
-        result.name,
+        one_line(&result.name),
         result.setup,
         count(result.points_mm.len() as u64, "hit")
     );
@@ -663,7 +677,9 @@ pub fn verdict(verdict: &Verdict) -> String {
 
 /// Each on a line of its own.
 fn list(lines: impl Iterator<Item = String>) -> String {
-    lines.map(|line| format!("\n    {line}")).collect()
+    lines
+        .map(|line| format!("\n    {}", one_line(line)))
+        .collect()
 }
 
 const fn unit_word(unit: QuantityUnit) -> &'static str {

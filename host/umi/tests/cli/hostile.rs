@@ -1,8 +1,10 @@
 //! What a stranger may name or leave behind: shown in letters, never obeyed.
 
+use umi_client::programs;
 use umi_core::journal::Chain;
 use umi_protocol::hello::{Hello, VERSION, Version};
 use umi_protocol::message::Record;
+use umi_protocol::program::{ProgramInfo, Release, Stated};
 use umi_virtual::serve::{Port, PortPlace};
 use umi_virtual::{Config, VirtualBoard};
 
@@ -86,6 +88,69 @@ fn a_name_does_not_steer_the_terminal() {
         assert_harmless(&listed);
         assert!(listed.out.contains("owned"), "{:?}", listed.out);
     }
+}
+
+/// A name with a line end makes no line of its own that looks like one of ours: of a program, in its list and in the
+/// journal, of a key, of a board in its greeting.
+#[test]
+fn a_name_makes_no_line() {
+    const LINES: &str = "a\r\n  9999  SAFE";
+    let has_none = |text: &str| {
+        assert!(text.contains(r"a\r\n  9999"), "{text}");
+        assert!(
+            !text
+                .lines()
+                .any(|line| line.trim_start().starts_with("9999")),
+            "{text}"
+        );
+    };
+    let board = std::sync::Arc::new(VirtualBoard::start(Config::default()).unwrap());
+    let mut client = umi_desk::client(&board).unwrap();
+    let text = b"%\nO0077\nM30\n%\n";
+    let program = ProgramInfo {
+        number: 77,
+        name: LINES.try_into().unwrap(),
+        bytes: text.len() as u32,
+        crc32: programs::check_value(text),
+        release: Release::Always,
+        hold_s: 5,
+        stated: Stated::default(),
+    };
+    programs::put(&mut client, &program, text, |_| {}).unwrap();
+    drop(client);
+    let place = Port::open(&PortPlace::Tcp(0)).unwrap();
+    let port = place.address.clone();
+    place.serve_host(&board);
+    for args in [&["program", "list"][..], &["log"]] {
+        has_none(
+            &umi_with(("NO_COLOR", "1"), &[args, &["--port", &port]].concat())
+                .exits(0)
+                .out,
+        );
+    }
+    let mut stranger = Board::new(0);
+    let newer = Version {
+        minor: VERSION.minor + 1,
+        ..VERSION
+    };
+    stranger.hello = Hello::of(newer, 1, LINES);
+    has_none(
+        &umi_with(("NO_COLOR", "1"), &["info", "--port", &stranger.serve()])
+            .exits(1)
+            .err,
+    );
+    let mut named = Board::new(0);
+    let mut identity = identity();
+    identity.serial = LINES.try_into().unwrap();
+    named.push(&Record::Boot {
+        identity,
+        reset: umi_protocol::message::ResetReason::PowerOn,
+    });
+    has_none(
+        &umi_with(("NO_COLOR", "1"), &["log", "--port", &named.serve()])
+            .exits(0)
+            .out,
+    );
 }
 
 /// A link under the name of a file that is not complete yet is taken away, not written through.

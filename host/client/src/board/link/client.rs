@@ -14,6 +14,7 @@ use umi_protocol::hello::Hello;
 use umi_protocol::message::{Event, Request, Response};
 
 use super::{LinkError, Transport, open};
+use crate::problem::one_line;
 
 /// Events kept while nobody asks for them: some 5 MB.
 const MAX_EVENTS: usize = 1000;
@@ -166,10 +167,10 @@ impl Client {
 
     fn accept(&mut self, hello: &Hello) -> Result<(), LinkError> {
         hello.check().map_err(|mismatch| LinkError::Mismatch {
-            board: hello.sender.as_str().into(),
+            board: one_line(&hello.sender),
             mismatch,
         })?;
-        self.board = Some(hello.sender.as_str().into());
+        self.board = Some(one_line(&hello.sender));
         Ok(())
     }
 
@@ -194,6 +195,7 @@ impl Client {
         };
         let before = self.counters();
         self.sequence = self.sequence.wrapping_add(1);
+        let mut no_session = false;
         for _ in 0..tries {
             self.ask(request)?;
             let deadline = Instant::now() + answer;
@@ -204,12 +206,15 @@ impl Client {
                 return match incoming {
                     Incoming::Response(response) => match *response {
                         Response::StorageFailed => Err(LinkError::StorageFailed),
-                        Response::AccessRefused(refusal) => {
-                            if refusal == AccessRefusal::NoSession {
-                                self.session = None;
-                            }
-                            Err(LinkError::Refused(refusal))
+                        Response::AccessRefused(AccessRefusal::NoSession)
+                            if self.session.is_some() =>
+                        {
+                            // It has no seal: somebody may have put in what it answers. The answer
+                            // to ours may still come.
+                            no_session = true;
+                            continue;
                         }
+                        Response::AccessRefused(refusal) => Err(LinkError::Refused(refusal)),
                         response => {
                             if matches!(request, Request::LiveSet { on: false }) {
                                 // What is not reported from now on is no loss.
@@ -224,6 +229,10 @@ impl Client {
                         Err(LinkError::NotUnderstood { request: name })
                     }
                 };
+            }
+            if no_session {
+                self.session = None;
+                return Err(LinkError::Refused(AccessRefusal::NoSession));
             }
         }
         let seen = self.counters().since(&before);

@@ -272,6 +272,12 @@ fn parse_key_id(text: &str) -> Result<KeyId, String> {
 impl Revoke {
     fn run(self) -> Result<(), Failure> {
         let mut board = self.board.connect()?;
+        // For a board, what is revoked already is done: the answer may have been lost. Who has
+        // mistyped is told. Who may not even look is told by the request itself.
+        let is_it = |key: &KeyInfo| key_id(&key.public) == hex(&self.key_id);
+        if board.keys().is_ok_and(|keys| !keys.iter().any(is_it)) {
+            return Err(LinkError::Refused(AccessRefusal::KeyUnknown).into());
+        }
         if !board.key_revoke(self.key_id)? {
             return Err(not_on_this_board());
         }

@@ -3,7 +3,8 @@
 use crate::failure::Failure;
 use crate::show::json;
 use crate::show::terminal::{
-    BAD, CAUTION, FAINT, GOOD, PLAIN, TITLE, Table, count, loss_style, paint, print, print_json,
+    BAD, CAUTION, FAINT, GOOD, PLAIN, TITLE, Table, count, loss_style, one_line, paint, print,
+    print_json,
 };
 use crate::show::text::{clock, punched, reset, reset_style, teaching};
 use clap::Args;
@@ -165,7 +166,14 @@ fn text(
         table.styled([(PLAIN, String::new()), (CAUTION, text)]);
     }
     losses(&mut table, status);
-    let title = paint(TITLE, format_args!("board {board}, serial number {serial}"));
+    let title = paint(
+        TITLE,
+        format_args!(
+            "board {}, serial number {}",
+            one_line(board),
+            one_line(serial)
+        ),
+    );
     format!("{title}\n\n{table}")
 }
 

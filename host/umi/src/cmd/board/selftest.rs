@@ -13,7 +13,7 @@ use umi_client::problem::Problem;
 use crate::cmd::{Board, Format};
 use crate::failure::Failure;
 use crate::output::Force;
-use crate::show::terminal::{BAD, GOOD, PLAIN, Table, paint, print, print_json};
+use crate::show::terminal::{BAD, GOOD, PLAIN, Table, one_line, paint, print, print_json};
 use crate::show::text::printable;
 
 /// Let a board test itself, and show the table of what it promises and measures
@@ -140,6 +140,7 @@ fn show(table: &SelfTest, missing: Option<&Problem>) -> Result<(), Failure> {
     };
     print(&format!(
         "\n{}, firmware {}: {says}\n",
-        table.board, table.firmware
+        one_line(&table.board),
+        one_line(&table.firmware)
     ))
 }

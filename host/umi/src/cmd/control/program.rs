@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::failure::Failure;
 use crate::output::Force;
-use crate::show::terminal::{FAINT, GOOD, TITLE, paint, print, print_error, print_json};
+use crate::show::terminal::{FAINT, GOOD, TITLE, one_line, paint, print, print_error, print_json};
 use clap::{Args, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
@@ -408,6 +408,7 @@ impl List {
                 hold_s,
                 stated,
             } = program;
+            let name = one_line(name);
             text += &format!(
                 "{:<9}  {name:<16}  {bytes:>9}  {crc32:08X}  {hold_s:>4} s  {}{}\n",
                 format!("O{number:04}"),

@@ -57,8 +57,7 @@ journal is faulty, or a decision is not the same.";
 
 impl Replay {
     pub fn run(self) -> Result<(), Failure> {
-        let bytes =
-            std::fs::read(&self.file).map_err(|error| Failure::file("read", &self.file, &error))?;
+        let bytes = journal::load(&self.file)?;
         if umi_core::journal::decode_file(&bytes).is_ok() {
             // What nobody would vouch for is not replayed.
             let verified = journal::verify::verify(&bytes, None, None)?;

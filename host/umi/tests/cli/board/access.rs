@@ -263,6 +263,12 @@ fn lock_and_revocation_last() {
         code(rig.as_of("anna", &["access", "revoke", &ben])),
         "key_unknown"
     );
+    // Who has the owner's key and mistypes is no stranger.
+    assert!(
+        rig.entries("olga", "access_refused")
+            .iter()
+            .all(|of| of["why"] != "key_unknown")
+    );
     rig.start(false);
     assert_eq!(code(rig.as_of("ben", &["job", "show"])), "key_unknown");
     let whats: Vec<_> = rig
@@ -271,6 +277,23 @@ fn lock_and_revocation_last() {
         .map(|of| of["what"].clone())
         .collect();
     assert_eq!(whats[3..], ["locked", "unlocked", "revoked"]);
+}
+
+/// A memory of the keys that was erased leaves a board locked, not open, and so it stays.
+#[test]
+fn erased_keys_open_no_board() {
+    let mut rig = Rig::claimed();
+    rig.stop();
+    let keys = std::path::PathBuf::from(rig.folder.path("state")).join("access.flash");
+    let size = std::fs::read(&keys).unwrap().len();
+    std::fs::write(&keys, vec![0xFF; size]).unwrap();
+    for _ in 0..2 {
+        rig.start(false);
+        let shown = rig.run(&["access", "show"]).exits(0).json();
+        assert_eq!(shown["mode"], "locked");
+        assert_eq!(code(rig.run(&["job", "set", JOB])), "locked");
+        assert_eq!(code(rig.as_of("anna", &["job", "set", JOB])), "key_unknown");
+    }
 }
 
 /// A wipe needs jumper and owner's key, or the jumper over two starts; what it leaves is a signed

@@ -146,6 +146,28 @@ fn what_is_wrong_with_an_image_is_named() {
         assert_eq!(shown(&rig), runs);
     }
 
+    // A board that there cannot be.
+    let (text, key) = (
+        rig.folder.file("payload.txt", WORKS.as_bytes()),
+        rig.folder.path("fw"),
+    );
+    for board in ["", "vir\ntual", "\u{1b}[31m"] {
+        let out = rig.folder.path("none.umif");
+        let args = [
+            "image",
+            "sign",
+            &text,
+            "--board",
+            board,
+            "--version",
+            "1.0.0",
+        ];
+        let more = ["--counter", "1", "--key", &key, "-o", &out, "--json"];
+        let refused = umi(&[&args[..], &more].concat()).exits(1).json();
+        assert_eq!(refused["error"]["code"], "usage", "{board:?}");
+        assert!(!std::path::Path::new(&out).exists());
+    }
+
     let bytes = std::fs::read(image(&rig, WORKS, "3.0.0", 6, "fw", "virtual")).unwrap();
     // Magic, version, signature, payload; cut; longer.
     for (at, expected) in [

@@ -503,6 +503,13 @@ fn a_journal_is_exported() {
         lines.lines().collect::<Vec<_>>(),
         listed[..listed.len() - 1]
     );
+    // Nobody vouches for it: that is told.
+    let told = umi(&[
+        "log", "export", &file, "--format", "csv", "-o", &table, "--json", "--force",
+    ])
+    .exits(0);
+    assert_eq!(told.json()["signed"], false);
+    assert!(told.err.contains("not signed to its end"), "{}", told.err);
     let table = std::fs::read_to_string(table).unwrap();
     assert_eq!(table.lines().count(), 6);
     assert!(

@@ -8,7 +8,7 @@ use crate::failure::Failure;
 use crate::output::Force;
 use crate::show::job as job_text;
 use crate::show::json;
-use crate::show::terminal::{GOOD, paint, print, print_json};
+use crate::show::terminal::{GOOD, one_line, paint, print, print_json};
 use clap::{Args, Subcommand};
 use serde_json::json;
 use umi_client::files::{job_file, points};
@@ -296,7 +296,7 @@ impl Set {
         if self.format.json {
             return print_json(&json!({ "status": "ok", "job": job }));
         }
-        let done = format!("{} now works on job {}", board.board(), job.name);
+        let done = format!("{} now works on job {}", board.board(), one_line(&job.name));
         print(&format!("{}\n", paint(GOOD, done)))
     }
 }

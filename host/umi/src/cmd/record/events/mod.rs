@@ -131,7 +131,7 @@ impl Events {
         sink: &mut Sink,
         follower: &mut Follower,
     ) -> Result<(), Failure> {
-        let bytes = std::fs::read(path).map_err(|error| Failure::file("read", path, &error))?;
+        let bytes = journal::load(path)?;
         journal::read(&bytes, |item| match item {
             FileItem::Entry(entry) => self.entry(&entry, sink, follower),
             FileItem::Gap(gap) => sink.overwritten(gap),

@@ -12,14 +12,15 @@ use umi_core::journal::Entry;
 use super::Format;
 use crate::failure::Failure;
 use crate::output::Force;
-use crate::show::terminal::print_json;
+use crate::show::terminal::{CAUTION, paint, print_error, print_json};
 
 /// Write a pulled journal as a table or as lines of JSON
 #[derive(Args)]
 #[command(after_help = "\
 csv: one row for each entry, as RFC 4180: seq, t_us, type, and the record as JSON. jsonl: one
 object on a line, as `umi log --json` prints them. parquet: the columns of csv; needs a umi that was
-built with cloud-formats, as releases are. The file is checked first, heads and all.
+built with cloud-formats, as releases are. The file is checked first, heads and all; whether all of it is
+signed stands in the JSON (`signed`), and where it is not, a warning on standard error.
 
 Examples:
   umi log export monday.umij --format csv -o monday.csv
@@ -54,9 +55,8 @@ enum Form {
 
 impl Export {
     pub fn run(self) -> Result<(), Failure> {
-        let bytes =
-            std::fs::read(&self.file).map_err(|error| Failure::file("read", &self.file, &error))?;
-        journal::verify::verify(&bytes, None, None)?;
+        let bytes = journal::load(&self.file)?;
+        let signed = journal::verify::verify(&bytes, None, None)?.signed;
         let mut out = Vec::new();
         #[cfg(feature = "cloud-formats")]
         let mut columns = super::parquet::Columns::default();
@@ -105,9 +105,18 @@ impl Export {
             })?;
         }
         self.force.write(&self.output, &[&self.file], out)?;
+        if !signed {
+            let told = format!(
+                "{} is not signed to its end: anybody can have made what no head vouches for (umi log verify says how far it is)\n",
+                self.file.display()
+            );
+            print_error(&paint(CAUTION, told));
+        }
         if self.told.json {
             let file = self.output.display().to_string();
-            return print_json(&json!({"type": "exported", "rows": rows, "file": file}));
+            return print_json(
+                &json!({"type": "exported", "rows": rows, "file": file, "signed": signed}),
+            );
         }
         Ok(())
     }

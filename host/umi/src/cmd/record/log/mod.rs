@@ -113,7 +113,7 @@ impl Log {
     }
 
     fn list_file(&self, path: &Path) -> Result<(), Failure> {
-        let bytes = std::fs::read(path).map_err(|error| Failure::file("read", path, &error))?;
+        let bytes = journal::load(path)?;
         let from = self.from.unwrap_or(0);
         let mut guarding = Guarding::default();
         journal::read(&bytes, |item| match item {

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use umi_client::files::{head_file, key_file};
-use umi_client::journal::verify;
+use umi_client::journal::{self, verify};
 
 use super::{Format, sum_up};
 use crate::failure::Failure;
@@ -40,8 +40,7 @@ pub(super) struct Verify {
 
 impl Verify {
     pub fn run(self) -> Result<(), Failure> {
-        let bytes =
-            std::fs::read(&self.file).map_err(|error| Failure::file("read", &self.file, &error))?;
+        let bytes = journal::load(&self.file)?;
         let key = self.key.as_deref().map(key_file::read_public).transpose()?;
         let after = self.after.as_deref().map(head_file::read).transpose()?;
         let verified = verify::verify(&bytes, key, after.as_ref())?;
