@@ -113,9 +113,10 @@ puts the part off by as much where no other face holds that direction, with verd
 where others do, it can look as another scale (NG scale). Nothing in the scan tells them
 apart: scan the opposite faces, too. The scale is estimated and not applied.
 
-Scan three sides that are not parallel: of two, the edges are taken to hold the third
-direction, and the pose can be off by more than is stated. Crop the scan to one part: a
-second one of its kind, or another block that shows three faces, is not always told.
+Scan three sides that are not parallel: where the points of two end is no measurement, and
+what nothing else holds is free (degenerate). Crop the scan to one part: a second one of its
+kind makes it ambiguous. Three faces that meet in one corner fit any part with such a corner:
+they are taken where nothing of them is missing, and say nothing of the size.
 
 Fiducials are balls, cones (apex at the origin, opening to -Z) and reference surfaces of
 any shape; where they stand, and how sure, is in their file:
