@@ -15,8 +15,10 @@ pub struct ScanCloud {
     pub points: Vec<Vec3>,
     /// How many points of the file were not finite numbers; they are not among the points.
     pub not_finite: usize,
-    /// The file's format states the unit, and they are in mm by it.
+    /// The file states the unit, and they are in mm by it.
     pub states_unit: bool,
+    /// That unit in mm, where the file's own words say it and not its format.
+    pub unit_mm: Option<f64>,
     /// What the file says beside the coordinates.
     pub columns: CloudColumns,
     /// That of each point, where the file says any of it.
@@ -59,7 +61,7 @@ impl ScanCloud {
         }
     }
 
-    /// Every coordinate times `factor`, unless the file's format states the unit: a file in inches becomes mm by 25.4.
+    /// Every coordinate times `factor`, unless the file states the unit: a file in inches becomes mm by 25.4.
     pub fn scale(&mut self, factor: f64) {
         if self.states_unit {
             return;

@@ -5,11 +5,13 @@
 //! * Points ([`TableReader::of_points`]) may have blanks between, and no line of names.
 //! * Empty lines are skipped, `#` at the beginning of a line makes it a comment. Line ends may
 //!   be LF or CRLF.
-//! * A first line of numbers with decimal commas is refused, and so are many nameless columns that may be such.
-//! * Numbers have a decimal point, and may be quoted. Whole ones may end in `.0`, as other programs write counts. A row has a cell for every column.
+//! * Points between whose columns no comma stands may have decimal commas, in the whole file alike. Elsewhere a first line
+//!   of numbers with decimal commas is refused, and so are many nameless columns that may be such.
+//! * Numbers have a decimal point otherwise, and may be quoted. Whole ones may end in `.0`, as other programs write counts. A row has a cell for every column.
 //! * A last line that breaks off is an error (`truncated`), as every other oddity (`corrupt`). A last line without its
 //!   end is one, too: a number that was cut is another number.
 
+use std::cell::Cell;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::ops::Range;
@@ -34,6 +36,8 @@ pub struct TableReader<R> {
     first_row: Option<bool>,
     /// The first line holds numbers, and no names.
     is_nameless: bool,
+    /// Points: what stands before the decimals, `.` or `,`, once a number has told.
+    decimal: Option<Cell<Option<char>>>,
 }
 
 /// A first line without names of so many columns may be points with decimal commas between commas.
@@ -50,6 +54,8 @@ pub struct Row<'a> {
     columns: &'a [String],
     text: &'a str,
     cells: &'a [Range<usize>],
+    /// As the table's, where decimal commas may be.
+    decimal: Option<&'a Cell<Option<char>>>,
 }
 
 impl TableReader<BufReader<File>> {
@@ -75,8 +81,8 @@ impl<R: BufRead> TableReader<R> {
         Self::begin(input, name, false)
     }
 
-    /// A table of points, as other programs write them: columns may be parted by blanks, and a first line of numbers is
-    /// a point, its columns `x_mm`, `y_mm`, `z_mm` and nameless ones.
+    /// A table of points, as other programs write them: columns may be parted by blanks, numbers have decimal commas where
+    /// no comma parts columns, and a first line of numbers is a point, its columns `x_mm`, `y_mm`, `z_mm` and nameless ones.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -95,6 +101,7 @@ impl<R: BufRead> TableReader<R> {
             cells: Vec::new(),
             first_row: None,
             is_nameless: false,
+            decimal: None,
         };
         let Some(whole) = table.read_line()? else {
             return Err(ScanError::unreadable(
@@ -105,19 +112,43 @@ impl<R: BufRead> TableReader<R> {
                 ),
             ));
         };
-        if has_decimal_commas(&table.text) {
+        let has_commas = has_decimal_commas(&table.text);
+        if has_commas && !of_points {
             return Err(table.corrupt("its numbers have a decimal comma: write a decimal point"));
         }
-        table.separator = [b',', b';', b'\t']
-            .into_iter()
-            .find(|&byte| table.text.as_bytes().contains(&byte))
+        // A comma among semicolons or tabs is one of a number.
+        let by: &[u8] = match of_points {
+            true if has_commas => b";\t ",
+            true => b";\t,",
+            false => b",;\t",
+        };
+        table.separator = by
+            .iter()
+            .copied()
+            .find(|byte| table.text.as_bytes().contains(byte))
             .unwrap_or(if of_points { b' ' } else { b',' });
+        table.decimal = (of_points && table.separator != b',').then(Cell::default);
         table.split();
+        if table.separator == b' ' {
+            // A unit stands behind a blank, and is none of the columns.
+            let (text, cells) = (&table.text, &mut table.cells);
+            cells.dedup_by(|unit, name| {
+                let is_unit = text[unit.clone()].starts_with(['[', '(']);
+                if is_unit {
+                    name.end = unit.end;
+                }
+                is_unit
+            });
+        }
         let cells = table
             .cells
             .iter()
             .map(|cell| table.text[cell.clone()].trim());
-        table.is_nameless = cells.clone().all(|cell| cell.parse::<f64>().is_ok());
+        let is_number = |cell: &str| match table.decimal {
+            Some(_) => cell.replacen(',', ".", 1).parse::<f64>().is_ok(),
+            None => cell.parse::<f64>().is_ok(),
+        };
+        table.is_nameless = cells.clone().all(is_number);
         if of_points && table.is_nameless {
             if table.separator == b','
                 && table.cells.len() >= MANY_NAMELESS
@@ -155,6 +186,16 @@ impl<R: BufRead> TableReader<R> {
         &self.name
     }
 
+    /// The names of the columns; without any, those that stand for them.
+    pub(super) fn names(&self) -> impl Iterator<Item = &str> {
+        self.columns.iter().map(String::as_str)
+    }
+
+    /// Whether the first line names the columns.
+    pub(super) const fn is_named(&self) -> bool {
+        !self.is_nameless
+    }
+
     /// A column that may be missing.
     #[must_use]
     pub fn optional(&self, column: &str) -> Option<Column> {
@@ -162,11 +203,6 @@ impl<R: BufRead> TableReader<R> {
             .iter()
             .position(|name| name == column)
             .map(Column)
-    }
-
-    /// The first column that such a name fits.
-    pub(super) fn found(&self, fits: impl Fn(&str) -> bool) -> Option<Column> {
-        self.columns.iter().position(|name| fits(name)).map(Column)
     }
 
     /// A column that must be there.
@@ -253,6 +289,7 @@ impl<R: BufRead> TableReader<R> {
             columns: &self.columns,
             text: &self.text,
             cells: &self.cells,
+            decimal: self.decimal.as_ref(),
         }))
     }
 
@@ -350,7 +387,29 @@ impl<'a> Row<'a> {
     /// The cell is empty or no number.
     pub fn number(&self, column: Column) -> Result<f64, ScanError> {
         let text = self.text(column);
-        text.parse().map_err(|_| self.wrong(column, "a number"))
+        let number = match text.find([',', '.']).zip(self.decimal) {
+            Some((at, known)) => {
+                let own = if text[at..].starts_with(',') {
+                    ','
+                } else {
+                    '.'
+                };
+                // One of the two may part thousands.
+                match known.get().filter(|decimal| *decimal != own) {
+                    Some(',') => {
+                        return Err(
+                            self.wrong(column, "a number with a decimal comma, as those before,")
+                        );
+                    }
+                    Some(_) => return Err(self.wrong(column, "a number as those before")),
+                    None => {}
+                }
+                known.set(Some(own));
+                text.replacen(own, ".", 1).parse()
+            }
+            None => text.parse(),
+        };
+        number.map_err(|_| self.wrong(column, "a number"))
     }
 
     /// A number that is finite.
@@ -513,13 +572,13 @@ mod tests {
                 let told = told(binary, of_points);
                 assert!(told.contains("no text in UTF-8"), "{told}");
             }
-            for commas in ["1,5;2,0;40,01\n", "1,5 2,0 40,01\n", "1,5\t2\t3,5\n"] {
-                let told = told(commas.as_bytes(), of_points);
-                assert!(
-                    told.contains("decimal comma: write a decimal point"),
-                    "{told}"
-                );
-            }
+        }
+        for commas in ["1,5;2,0;40,01\n", "1,5 2,0 40,01\n", "1,5\t2\t3,5\n"] {
+            let told = told(commas.as_bytes(), false);
+            assert!(
+                told.contains("decimal comma: write a decimal point"),
+                "{told}"
+            );
         }
         let count = told(b"3\n1 2 3\n4 5 6\n", true);
         assert!(
@@ -529,6 +588,38 @@ mod tests {
         let two = told(b"1.5 2.5\n", true);
         assert!(two.contains("holds 2 numbers, and no names"), "{two}");
         assert_eq!(read(b"1, 2, 3\n", true), Ok(()));
+    }
+
+    /// Where no comma parts columns, one in a number stands before its decimals, in the whole file; beside a decimal point it
+    /// may part thousands.
+    #[test]
+    fn points_may_have_decimal_commas_where_no_comma_parts_columns() {
+        let read = |text: &'static str| -> Result<Vec<f64>, ScanError> {
+            let mut table = TableReader::of_points(text.as_bytes(), "p".into())?;
+            let z = table.column("z_mm").or_else(|_| table.column("Z [mm]"))?;
+            let mut found = Vec::new();
+            while let Some(row) = table.next_row()? {
+                found.push(row.number(z)?);
+            }
+            Ok(found)
+        };
+        for text in [
+            "1,5;2,0;40,01\n1;2;-3\n",
+            "1,5 2,0 40,01\n1 2 -3\n",
+            "1,5\t2\t40,01\n1\t2\t-3\n",
+            "X [mm];Y [mm];Z [mm]\n1,5;2;40,01\n1;2;-3\n",
+            "X [mm] Y [mm] Z [mm]\n1,5 2 40,01\n1 2 -3\n",
+        ] {
+            assert_eq!(read(text), Ok(vec![40.01, -3.0]), "{text}");
+        }
+        for (text, told) in [
+            ("x_mm;y_mm;z_mm\n1;2;3,5\n1;2;3.5\n", "decimal comma, as"),
+            ("x_mm;y_mm;z_mm\n1;2;3.5\n1;2;3,5\n", "as those before"),
+            ("x_mm;y_mm;z_mm\n1;2;1.003,5\n", "a number is needed"),
+        ] {
+            let error = read(text).unwrap_err();
+            assert!(error.message.contains(told), "{error}");
+        }
     }
 
     /// `1,0,2,0,40,01` is one point with decimal commas, or six columns: neither is guessed.

@@ -56,13 +56,14 @@ pub fn read_bounded(path: &Path, most: usize, most_bytes: u64) -> Result<Bounded
             ));
         }
         let cloud = read_cloud(path)?;
-        let (not_finite, states_unit) = (cloud.not_finite, cloud.states_unit);
+        let (not_finite, states_unit, unit_mm) =
+            (cloud.not_finite, cloud.states_unit, cloud.unit_mm);
         let mut kept = Kept::new(most);
         for point in cloud.points {
             kept.take(point);
         }
         let mut bounded = kept.done(not_finite);
-        bounded.cloud.states_unit = states_unit;
+        (bounded.cloud.states_unit, bounded.cloud.unit_mm) = (states_unit, unit_mm);
         return Ok(bounded);
     }
     let mut reader = CloudReader::open(path)?;

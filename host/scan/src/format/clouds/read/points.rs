@@ -5,7 +5,7 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 
 use super::table::TablePoints;
-use super::whole::{is_whole, read_cloud};
+use super::whole::{is_named_stl, is_whole, read_cloud};
 use crate::ScanError;
 use crate::cloud::{BesidePoint, CloudColumns, CloudPoint, Points, ScanCloud};
 use crate::format::ply::PlyReader;
@@ -29,8 +29,8 @@ enum Source {
 }
 
 impl CloudReader {
-    /// Opens a cloud: PLY, PCD, LAS, LAZ or E57 by its first bytes, else a table with the columns `x_mm,y_mm,z_mm` (or `x,y,z`) and,
-    /// where it has them, `profile`, `index`, `t_us`, `intensity`, `mount_u_mm`, `interpolated`; or one of numbers alone.
+    /// Opens a cloud: PLY, PCD, LAS, LAZ or E57 by its first bytes, else a table with the columns `x_mm,y_mm,z_mm` (or `x,y,z`, or
+    /// with a unit as `X [inch]`: the points are in mm then) and, where it has them, `profile`, `index`, `t_us`, `intensity`, `mount_u_mm`, `interpolated`; or one of numbers alone.
     ///
     /// PLY and tables are read point by point, in constant memory; of the others all points are held.
     ///
@@ -55,7 +55,7 @@ impl CloudReader {
                 source: Source::Ply(ply, name),
             });
         }
-        if is_whole(begin, bytes) {
+        if is_whole(begin, bytes) || is_named_stl(path) {
             let cloud = read_cloud(path)?;
             return Ok(Self {
                 columns: cloud.columns,

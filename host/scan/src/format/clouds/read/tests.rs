@@ -250,6 +250,84 @@ fn a_bad_file_is_refused_before_memory_is_taken() {
     }
 }
 
+/// Tables as other programs name their columns: in mm by the unit that the names say, and refused where they may mean two things.
+#[test]
+fn a_unit_in_the_names_of_columns_is_followed() {
+    let read = |text: &str| cloud_from_bytes(text.as_bytes());
+    for (names, mm) in [
+        ("X [mm],Y [mm],Z [mm]", 1.0),
+        ("X(mm),Y(mm),Z(mm)", 1.0),
+        ("x_mm,y_mm,z_mm", 1.0),
+        ("\"X/mm\",\"Y/mm\",\"Z/mm\"", 1.0),
+        ("X-Koordinate [mm],Y-Koordinate [mm],Z-Koordinate [mm]", 1.0),
+        ("Position X (mm),Position Y (mm),Position Z (mm)", 1.0),
+        ("x_m,y_m,z_m", 1000.0),
+        ("X [inch],Y [in],Z [inches]", 25.4),
+        ("X [\u{b5}m],Y [\u{b5}m],Z [um]", 1e-3),
+    ] {
+        let cloud = read(&format!("{names}\n1,2,-3\n")).unwrap();
+        assert_eq!(cloud.points, [Vec3::new(1.0, 2.0, -3.0) * mm], "{names}");
+        assert_eq!(
+            (cloud.states_unit, cloud.unit_mm),
+            (true, Some(mm)),
+            "{names}"
+        );
+    }
+    for names in ["x,y,z", "//X,Y,Z", "X-Koordinate,Y-Koordinate,Z-Koordinate"] {
+        let cloud = read(&format!("{names}\n1,2,-3\n")).unwrap();
+        assert_eq!(
+            (cloud.points[0].z, cloud.states_unit),
+            (-3.0, false),
+            "{names}"
+        );
+    }
+    let german = read("X [mm];Y [mm];Z [mm];Wert\n1,5;2;-3,25;0,1\n").unwrap();
+    assert_eq!(german.points, [Vec3::new(1.5, 2.0, -3.25)]);
+    for (names, told) in [
+        ("X [ft],Y [ft],Z [ft]", "is in \"ft\""),
+        ("X [m],Y,Z", "some of the columns"),
+        ("X [mm],X [inch],Z [mm]", "may both be x"),
+        ("u,v,w", "there is no column \"x_mm\""),
+    ] {
+        let error = read(&format!("{names}\n1,2,-3\n")).unwrap_err();
+        assert_eq!(error.code, "bad_file");
+        assert!(error.message.contains(told), "{error}");
+    }
+}
+
+/// A scan in STL that is cut, or that has no triangle with an area, is told as what it is.
+#[test]
+fn an_stl_file_that_is_no_scan_is_told_as_one() {
+    use crate::format::clouds::read::{CloudReader, read_cloud};
+    let folder = std::env::temp_dir().join(format!("umi-stl-scan-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = folder.join("scan.stl");
+    let file = |corners: [[f32; 3]; 3], count: u32| {
+        let numbers = [[0.0; 3]].into_iter().chain(corners).flatten();
+        let record: Vec<u8> = numbers.flat_map(f32::to_le_bytes).chain([0, 0]).collect();
+        let records = record.repeat(3);
+        [&[b' '; 80][..], &count.to_le_bytes(), &records].concat()
+    };
+    let (whole, point) = (
+        [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+        [[1.0, 2.0, 3.0]; 3],
+    );
+    for (bytes, told) in [
+        (file(whole, 9), "the header states 9 triangles"),
+        (file(point, 3), "no triangle of this STL file has an area"),
+    ] {
+        std::fs::write(&path, bytes).unwrap();
+        let error = read_cloud(&path).unwrap_err();
+        assert_eq!(error.code, "bad_file");
+        assert!(error.message.contains(told), "{error}");
+        let opened = CloudReader::open(&path).map(|_| ()).unwrap_err();
+        assert_eq!(opened, error);
+    }
+    std::fs::write(&path, file(whole, 3)).unwrap();
+    assert_eq!(read_cloud(&path).unwrap().points.len(), 3);
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
 #[test]
 fn what_is_written_is_read_back() {
     let mut bytes = Vec::new();

@@ -18,7 +18,12 @@ pub fn read_cloud(path: &Path) -> Result<ScanCloud, ScanError> {
             format_args!("{}: cannot be read: {error}", path.display()),
         )
     })?;
-    cloud_from_bytes(&bytes).map_err(|refusal| ScanError {
+    let cloud = cloud_from_bytes(&bytes).map_err(|refusal| {
+        // An STL file that is cut looks like none.
+        let of_its_name = is_named_stl(path).then(|| crate::surface::stl_from_bytes(&bytes));
+        of_its_name.and_then(Result::err).map_or(refusal, of_stl)
+    });
+    cloud.map_err(|refusal| ScanError {
         message: format!("{}: {}", path.display(), refusal.message),
         ..refusal
     })
@@ -50,7 +55,9 @@ pub fn cloud_from_bytes(bytes: &[u8]) -> Result<ScanCloud, ScanError> {
     } else if pcd::is_pcd(bytes) {
         pcd::read(bytes)
     } else if crate::surface::is_stl(bytes, bytes.len() as u64) {
-        Ok(corners(&crate::surface::stl_from_bytes(bytes)?))
+        Ok(corners(
+            &crate::surface::stl_from_bytes(bytes).map_err(of_stl)?,
+        ))
     } else {
         table::read(bytes)
     }
@@ -64,6 +71,23 @@ pub(super) fn is_whole(begin: &[u8], bytes: u64) -> bool {
         || crate::surface::is_stl(begin, bytes)
         || begin.starts_with(b"ASTM-E57")
         || pcd::is_pcd(begin)
+}
+
+/// Whether a file calls itself STL.
+pub(super) fn is_named_stl(path: &Path) -> bool {
+    let extension = path.extension();
+    extension.is_some_and(|extension| extension.eq_ignore_ascii_case("stl"))
+}
+
+/// Why an STL file is no scan.
+fn of_stl(refusal: ScanError) -> ScanError {
+    if refusal.code != "empty_model" {
+        return refusal;
+    }
+    ScanError::unreadable(
+        "bad_file",
+        "no triangle of this STL file has an area, and a scan in STL is the corners of its triangles: give points as PLY or CSV",
+    )
 }
 
 /// The corners of triangles, each once, in their order.
