@@ -6,6 +6,16 @@ pub use umi_kinematics::Pose;
 /// A place or a direction in space; places in mm.
 pub type Vec3 = Vector3<f64>;
 
+/// Nothing of a scan lies farther out, in mm: what is summed of its squares would be lost.
+pub const FARTHEST_MM: f64 = 1e9;
+
+/// Whether a place is one that can be reckoned with.
+#[must_use]
+pub fn is_in_reach(p: &Vec3) -> bool {
+    // NaN is not.
+    p.iter().all(|x| x.abs() <= FARTHEST_MM)
+}
+
 /// `motion`, then the small motion `step` (rotation vector, translation) about `pivot`. R stays orthonormal.
 #[must_use]
 pub fn stepped(motion: &Pose, step: &Vector6<f64>, pivot: &Vec3) -> Pose {

@@ -336,6 +336,68 @@ fn files_that_hold_no_scan_or_no_part_are_told_as_what_they_are() {
     }
 }
 
+/// A table in inches with decimal commas says so in the names of its columns: it is the scan that it was in mm, and another
+/// unit beside that is refused.
+#[test]
+fn the_unit_that_a_table_names_is_followed() {
+    let folder = Folder::new();
+    let (mm, inches) = (folder.path("mm.csv"), folder.path("inches.csv"));
+    run(&["scan", "convert", "optimum_bracket.ply", "-o", &mm]).exits(0);
+    let text = std::fs::read_to_string(&mm).unwrap();
+    let mut lines = text.lines();
+    let names: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let place = |name: &str| names.iter().position(|n| *n == name).unwrap();
+    let axes = ["x_mm", "y_mm", "z_mm"].map(place);
+    let rows = lines.map(|line| {
+        let cells: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
+        let [x, y, z] = axes.map(|i| format!("{}", cells[i] / 25.4).replace('.', ","));
+        format!("{x};{y};{z}\r\n")
+    });
+    let table = format!("X [inch];Y [inch];Z [inch]\r\n{}", rows.collect::<String>());
+    std::fs::write(&inches, table).unwrap();
+    let case = case("optimum_bracket");
+    let args = case["args"].as_array().unwrap().iter();
+    let mut args: Vec<&str> = args.map(|arg| arg.as_str().unwrap()).collect();
+    args[2] = &inches;
+    let got = run(&args).exits(0).json();
+    for p in case["probes"].as_array().unwrap() {
+        let (a, b) = (image(&got, p), image(&case["pose"], p));
+        assert!((0..3).all(|i| (a[i] - b[i]).abs() < 1e-5), "{a:?} {b:?}");
+    }
+    run(&[&args[..], &["--unit", "inch"]].concat()).exits(0);
+    let other = run(&[&args[..], &["--unit", "mm"]].concat())
+        .exits(1)
+        .json();
+    assert_eq!(other["error"]["code"], "usage", "{other}");
+}
+
+/// A point, a start and a place that are asked for where nothing can be: refused, and no answer without numbers.
+#[test]
+fn what_is_too_far_out_is_no_answer_without_numbers() {
+    let folder = Folder::new();
+    let far = folder.path("far.csv");
+    run(&["scan", "convert", "optimum_bracket.ply", "-o", &far]).exits(0);
+    let text = std::fs::read_to_string(&far).unwrap();
+    let names: Vec<&str> = text.lines().next().unwrap().split(',').collect();
+    let cells = names
+        .iter()
+        .map(|name| if name.ends_with("_mm") { "1e300" } else { "0" });
+    let row = cells.collect::<Vec<_>>().join(",");
+    std::fs::write(&far, format!("{text}{row}\n")).unwrap();
+    let case = case("optimum_bracket");
+    let args = case["args"].as_array().unwrap().iter();
+    let args: Vec<&str> = args.map(|arg| arg.as_str().unwrap()).collect();
+    let mut stray = args.clone();
+    stray[2] = &far;
+    let error = &run(&stray).exits(2).json()["error"];
+    assert_eq!(error["code"], "not_finite", "{error}");
+    assert!(
+        error["message"].as_str().unwrap().contains("take it out"),
+        "{error}"
+    );
+    run(&[&args[..], &["--at", "1e300,0,0"]].concat()).exits(1);
+}
+
 /// Nothing is larger than what is no number: a limit of it would make every scan OK.
 #[test]
 fn a_limit_that_is_no_number_is_refused() {

@@ -51,9 +51,10 @@ pub(crate) struct Localise {
     /// Any of several poses that look alike will do
     #[arg(long)]
     accept_symmetry: bool,
-    /// The unit of the scan; an E57 file has its own
-    #[arg(long, value_enum, default_value = "mm")]
-    unit: Unit,
+    /// The unit of the scan, mm without; an E57 file has its own, and so has a table whose columns
+    /// say theirs (`X [mm]`, `y_m`, `Z (inch)`): another one than that is refused
+    #[arg(long, value_enum)]
+    unit: Option<Unit>,
     /// The largest standard uncertainty at a corner of the part, or of the scan without a part
     #[arg(long, value_name = "MM", allow_hyphen_values = true, value_parser = at_least_0)]
     limit: Option<f64>,
@@ -99,6 +100,10 @@ alone, p is in the scanner's coordinates. Other things in the scan, missing side
 stray points are allowed. Where the scan does not decide, no pose is given, and the
 reason is named.
 
+A scan as a table has columns x, y, z, parted by commas, semicolons, tabs or blanks; where no
+comma parts them, numbers may have decimal commas, all alike. A unit in their names (X [mm],
+y_m, Z (inch)) is followed.
+
 Examples:
   umi scan localise scan.ply --part part.stl
   umi scan localise scan.ply --part part.stl --limit 0.02 -o moved.json --scan-in offset
@@ -143,7 +148,7 @@ one_fiducial (one corner alone holds the pose), no_fit of a stated problem that 
 the scan; the pose is printed) or
 refused: ambiguous, degenerate, too_little_overlap, no_fit, mirrored, wrong_scale,
 no_fiducial, fiducials_disagree, scans_disagree (is moved right?), too_few_points,
-too_many_points (--kernel and --memory-mb), empty_model, not_finite; 1 a file (bad_file,
+too_many_points (--kernel and --memory-mb), empty_model, not_finite (or beyond 1e9 mm); 1 a file (bad_file,
 too_large) or usage.";
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -251,10 +256,27 @@ impl Localise {
                     ),
                 ));
             }
-            let cell = bounded.cell.map(|cell| cell * self.unit.mm());
-            cell_mm = cell.into_iter().chain(cell_mm).reduce(f64::max);
             let mut cloud = bounded.cloud;
-            cloud.scale(self.unit.mm());
+            if let (Some(unit), Some(own_mm)) = (self.unit, cloud.unit_mm)
+                && unit.mm() != own_mm
+            {
+                return Err(ScanError::unreadable(
+                    "usage",
+                    format_args!(
+                        "{}: the names of its columns say another unit ({own_mm} mm) than --unit ({} mm): leave --unit out, or \
+                         name the columns x, y and z",
+                        scan.file.display(),
+                        unit.mm()
+                    ),
+                ));
+            }
+            let unit_mm = match self.unit {
+                Some(unit) if !cloud.states_unit => unit.mm(),
+                _ => 1.0,
+            };
+            let cell = bounded.cell.map(|cell| cell * unit_mm);
+            cell_mm = cell.into_iter().chain(cell_mm).reduce(f64::max);
+            cloud.scale(unit_mm);
             if cloud.points.is_empty() && cloud.not_finite > 0 {
                 return Err(ScanError::refused(
                     "not_finite",

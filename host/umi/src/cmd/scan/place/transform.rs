@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 use serde_json::{Map, Value, json};
 use umi_scan::ScanError;
 use umi_scan::localise::Certainty;
-use umi_scan::rigid::{Pose, pose_of_rows, rows};
+use umi_scan::rigid::{Pose, is_in_reach, pose_of_rows, rows};
 
 /// Reads `{"rotation": [[…], […], […]], "translation_mm": […]}`.
 pub fn read(path: &Path) -> Result<Pose, ScanError> {
@@ -127,6 +127,6 @@ pub fn point(text: &str) -> Result<[f64; 3], String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|x| x.trim().parse()).collect();
     let point: Option<[f64; 3]> = numbers.ok().and_then(|list| list.try_into().ok());
     point
-        .filter(|p| p.iter().all(|x| x.is_finite()))
-        .ok_or_else(|| "give three numbers in mm, as 250,0,40".into())
+        .filter(|p| is_in_reach(&(*p).into()))
+        .ok_or_else(|| "give three numbers in mm, as 250,0,40, none beyond 1e9".into())
 }
