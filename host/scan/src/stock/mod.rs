@@ -8,13 +8,16 @@ mod demand;
 mod highest;
 mod patches;
 mod place;
+#[cfg(test)]
+mod scanned;
 mod spikes;
 #[cfg(test)]
 mod tests;
+mod windows;
 
 use crate::ScanError;
 use crate::parallel::Threads;
-use crate::rigid::{Pose, Vec3};
+use crate::rigid::{FARTHEST_MM, Pose, Vec3, is_in_reach};
 use crate::solve::{Kernel, Measured, Offset, Task, measure};
 use crate::surface::{CompositeSurface, Mesh};
 
@@ -123,11 +126,33 @@ impl StockTask<'_> {
     /// The best place by the objective, with its verdict.
     ///
     /// # Errors
-    /// `too_few_points` for fewer than six; `bad_file` for a face that is not on the model; `unbounded` where no scanned
+    /// `too_few_points` for fewer than six; `not_finite` for what lies too far out; `bad_file` for a face that is not on the model; `unbounded` where no scanned
     /// face holds the part.
     pub fn find(&self) -> Result<StockFound, ScanError> {
         if self.points.len() < 6 {
             return Err(too_few(self.points.len()));
+        }
+        let far = |what: &str| {
+            ScanError::refused(
+                "not_finite",
+                format_args!(
+                    "{what} more than {FARTHEST_MM:e} mm away, which nothing is: is it in mm?"
+                ),
+            )
+        };
+        if !is_in_reach(&self.start.translation_mm) {
+            return Err(far("the start lies"));
+        }
+        if !is_in_reach(&self.pivot) {
+            return Err(far("the pivot lies"));
+        }
+        if !self.model.corners().iter().all(is_in_reach) {
+            return Err(far("the model reaches"));
+        }
+        if self.apart_is_raw && !self.points.iter().all(is_in_reach) {
+            return Err(far(
+                "a point of the scan, all of which are the raw part's by --apart, lies",
+            ));
         }
         demand::check(self.model, self.demands)?;
         let surface = CompositeSurface::from(self.model.clone());
@@ -347,7 +372,7 @@ impl StockTask<'_> {
             .map(|(_, q, mm)| (q, mm))
             .collect();
         let faces = demand::by_face(self.model, self.demands, rules, &measured);
-        let (unmeasured, bare) = patches::bare(self.model, motion, kept, &measured);
+        let (unmeasured, bare) = patches::bare(self.model, motion, kept, &measured, self.threads);
         let mut found = StockFound {
             motion: *motion,
             min_mm,

@@ -2,6 +2,8 @@
 
 use std::collections::HashMap;
 
+use super::windows::Sampled;
+use crate::parallel::Threads;
 use crate::rigid::{Pose, Vec3};
 use crate::solve::Measured;
 use crate::surface::{Mesh, Triangle};
@@ -12,6 +14,12 @@ const OWNED: f64 = 0.1;
 pub(super) const SQUARE: f64 = 0.1;
 /// Patches below this share of the area are not judged.
 const LEAST: f64 = 0.01;
+/// By so many times what chance leaves a face has fewer; and a window, of which many are asked, and which finds what has next
+/// to none: a side that is scanned thinly is scanned.
+const SURELY: f64 = 3.0;
+const SURELY_OF_MANY: f64 = 10.0;
+/// The normals of a face, in degrees from each other.
+const SAME: f64 = 20.0;
 
 /// A foot lies on an edge within this share of the model's size, and beside no face if its direction is the face's normal
 /// but for this much (of the cosine).
@@ -20,48 +28,71 @@ const UPRIGHT: f64 = 1e-9;
 
 /// The share of the area in patches that are not scanned, and the middle of each with its share.
 ///
-/// A patch is connected, and its normals lie within 20 degrees of that of its largest triangle. The points over it show it,
+/// A face is connected, and its normals lie within 20 degrees of that of its largest triangle. It is a patch as a whole, and
+/// so is each part of it of 1 % of the area, or as much more as gives a hundred points. The points over it show it,
 /// not those beyond its edges: a table about the part lies there.
 pub(super) fn bare(
     model: &Mesh,
     motion: &Pose,
     points: &[Vec3],
     measured: &[Measured],
+    threads: Threads,
 ) -> (f64, Vec<(Vec3, f64)>) {
     let triangles = model.triangles();
     let edges = by_edge(triangles);
     let patch_of = patches(triangles, &edges);
     let borders = borders(triangles, &edges, &patch_of);
     let near = ON_EDGE * model.diagonal_mm();
-    let is_over = |q: &Vec3, m: &Measured| {
+    let foot_over = |q: &Vec3, m: &Measured| {
         let t = &triangles[m.face];
         let direction = motion.rotation.tr_mul(&m.direction);
-        direction.dot(&t.normal).abs() > 1.0 - UPRIGHT || {
-            let foot = motion.undo(q) - direction * m.distance_mm;
-            (0..3).all(|k| {
+        let foot = motion.undo(q) - direction * m.distance_mm;
+        let is_over = direction.dot(&t.normal).abs() > 1.0 - UPRIGHT
+            || (0..3).all(|k| {
                 let (a, b) = (t.corners[k], t.corners[(k + 1) % 3]);
                 !borders[m.face][k] || to_edge(&foot, &a, &b) > near
-            })
-        }
+            });
+        is_over.then_some((m.face, foot))
     };
+    let over: Vec<(usize, Vec3)> = points
+        .iter()
+        .zip(measured)
+        .filter_map(|(q, m)| foot_over(q, m))
+        .collect();
     let count = patch_of.iter().max().map_or(0, |last| last + 1);
-    let mut area = vec![0.0; count];
-    let mut middle = vec![Vec3::zeros(); count];
+    let (mut area, mut own) = (vec![0.0; count], vec![0_usize; count]);
     for (t, &patch) in triangles.iter().zip(&patch_of) {
         area[patch] += t.area_mm2;
-        middle[patch] += (t.corners[0] + t.corners[1] + t.corners[2]) / 3.0 * t.area_mm2;
     }
-    let mut over = vec![0_usize; count];
-    for (q, m) in points.iter().zip(measured) {
-        over[patch_of[m.face]] += usize::from(is_over(q, m));
+    for (face, _) in &over {
+        own[patch_of[*face]] += 1;
     }
     let all = model.area_mm2();
-    let shown: usize = over.iter().sum();
-    let per_mm2 = (OWNED * shown as f64 / all).max((SQUARE * model.diagonal_mm()).powi(-2));
-    let mut bare: Vec<(Vec3, f64)> = (0..count)
-        .filter(|&p| area[p] >= LEAST * all && (over[p] as f64) < per_mm2 * area[p])
-        .map(|p| (middle[p] / area[p], area[p] / all))
+    // Whether so many points are fewer than a patch of this share owes, by so many times what chance leaves.
+    let due = OWNED * over.len() as f64;
+    let lacks = |own: usize, share: f64, surely: f64| {
+        let own = own as f64;
+        own + surely * own.sqrt() < due * share
+    };
+    let square = (SQUARE * model.diagonal_mm()).powi(2);
+    let is_bare: Vec<bool> = (0..count)
+        .map(|p| {
+            let few = (own[p] as f64) < area[p] / square;
+            area[p] >= LEAST * all && (few || lacks(own[p], area[p] / all, SURELY))
+        })
         .collect();
+    let sampled = Sampled::new(triangles, SAME.to_radians().cos(), threads);
+    let feet: Vec<(Vec3, Vec3)> = over
+        .iter()
+        .map(|(face, foot)| (*foot, triangles[*face].normal))
+        .collect();
+    let counts = sampled.counts(&feet, threads);
+    let is_window_bare = |own, share| lacks(own, share, SURELY_OF_MANY);
+    let mut marked = sampled.bare(&counts, is_window_bare, threads);
+    for (marked, t) in marked.iter_mut().zip(sampled.triangles()) {
+        *marked |= is_bare[patch_of[t]];
+    }
+    let mut bare = sampled.bodies(&marked);
     bare.sort_by(|a, b| b.1.total_cmp(&a.1));
     // A sum of nothing is −0: it is printed as 0.
     let share = bare.iter().map(|(_, share)| share).sum::<f64>() + 0.0;
@@ -77,7 +108,7 @@ fn patches(triangles: &[Triangle], edges: &HashMap<Edge, Vec<usize>>) -> Vec<usi
             .total_cmp(&triangles[a].area_mm2)
             .then(a.cmp(&b))
     });
-    let least = 20_f64.to_radians().cos();
+    let least = SAME.to_radians().cos();
     let mut patch_of = vec![usize::MAX; triangles.len()];
     let mut patch = 0;
     for seed in order {

@@ -322,6 +322,27 @@ fn five_points_are_too_few() {
     );
 }
 
+/// What lies where nothing can be is refused, and no place is made of it.
+#[test]
+fn what_is_too_far_out_is_refused() {
+    let model = block();
+    let mut points = raw(UNEVEN, &Pose::identity());
+    points.push(Vec3::x() * 1e200);
+    let far = Vec3::y() * 1e160;
+    let mut start = task(&model, &points);
+    start.start.translation_mm = far;
+    let mut pivot = task(&model, &points);
+    pivot.pivot = far;
+    let mut apart = task(&model, &points);
+    apart.apart_is_raw = true;
+    for wrong in [start, pivot, apart] {
+        assert_eq!(wrong.find().unwrap_err().code, "not_finite");
+    }
+    // A point that is left out as another thing puts the part nowhere else.
+    let found = task(&model, &points).find().unwrap();
+    assert!((found.min_mm - 0.4).abs() < 1e-6, "{}", found.min_mm);
+}
+
 /// The sides of the block that `keep` takes, as an open model.
 fn open(keep: impl Fn(&Vec3) -> bool) -> Mesh {
     let model = block();
