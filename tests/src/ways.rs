@@ -262,7 +262,7 @@ fn announced(run: u32, words: &str, before: &str) -> String {
     String::from_utf8_lossy(&machine.wires().0).into_owned()
 }
 
-/// The session: what is done, and the steps.
+/// The session: what is done, and the steps. Runs count on with another job, as a control does.
 fn ways() -> Vec<(&'static str, Vec<Step>)> {
     const HERE: [f64; 3] = [4.0, -3.0, 0.5];
     const THERE: [f64; 3] = [-3.0, 2.0, -0.7];
@@ -454,72 +454,72 @@ fn ways() -> Vec<(&'static str, Vec<Step>)> {
         ]),
         ("Blocks behind the lines of O8811 (`examples/three-spheres-run.toml`): taught, corrected; and the control reads in the next run", vec![
             Step::Sets(Box::new(toml::from_str(&read("examples/three-spheres-run.toml")).expect("a job"))),
-            Step::Prints(announced(1, "T1.", "") + &clamping(0)),
-            Step::Prints(announced(2, "", "") + &clamping(1)),
-            Step::Reads(2),
-            Step::Reads(3),
+            Step::Prints(announced(101, "T1.", "") + &clamping(0)),
+            Step::Prints(announced(102, "", "") + &clamping(1)),
+            Step::Reads(102),
+            Step::Reads(103),
         ]),
-        ("The same, text late: run 4 is probed, and what comes is of run 3", vec![
-            Step::Prints(announced(3, "", "") + &clamping(2)),
-            Step::Reads(4),
+        ("The same, text late: run 104 is probed, and what comes is of run 103", vec![
+            Step::Prints(announced(103, "", "") + &clamping(2)),
+            Step::Reads(104),
         ]),
         ("The same, work offset moved by 1 mm after teaching", vec![
-            Step::Prints(announced(5, "", "#5221=1.") + &clamping(3)),
-            Step::Reads(5),
+            Step::Prints(announced(105, "", "#5221=1.") + &clamping(3)),
+            Step::Reads(105),
         ]),
         ("The same, from a program that does not call O8811", vec![
             Step::Prints(clamping(4)),
-            Step::Reads(5),
+            Step::Reads(105),
         ]),
-        ("The same, `umi teach --again`, and text of run 6 that was held up comes before that of run 7, which was meant", vec![
+        ("The same, `umi teach --again`, and text of run 106 that was held up comes before that of run 107, which was meant", vec![
             Step::Asks,
-            Step::Prints(announced(6, "", "") + &clamping(1)),
-            Step::Reads(7),
+            Step::Prints(announced(106, "", "") + &clamping(1)),
+            Step::Reads(107),
         ]),
-        ("The same, nothing taught, and text of run 1 with `T1.` comes late, before that of run 2, which was meant to teach", vec![
+        ("The same, nothing taught, and text of run 201 with `T1.` comes late, before that of run 202, which was meant to teach", vec![
             Step::Sets(Box::new(toml::from_str(&read("examples/three-spheres-run.toml")).expect("a job"))),
-            Step::Prints(announced(1, "T1.", "") + &clamping(0)),
-            Step::Prints(announced(2, "T1.", "") + &clamping(1)),
-            Step::Reads(2),
-            Step::Prints(announced(3, "", "") + &clamping(2)),
-            Step::Reads(3),
-            Step::Prints(announced(4, "T1.", "") + &clamping(0)),
-            Step::Prints(announced(5, "", "") + &clamping(1)),
-            Step::Reads(5),
+            Step::Prints(announced(201, "T1.", "") + &clamping(0)),
+            Step::Prints(announced(202, "T1.", "") + &clamping(1)),
+            Step::Reads(202),
+            Step::Prints(announced(203, "", "") + &clamping(2)),
+            Step::Reads(203),
+            Step::Prints(announced(204, "T1.", "") + &clamping(0)),
+            Step::Prints(announced(205, "", "") + &clamping(1)),
+            Step::Reads(205),
         ]),
-        ("The same, `umi teach --again`, and text of run 6 that was held up comes before that of run 7, which was meant, both before the control reads", vec![
+        ("The same, `umi teach --again`, and text of run 206 that was held up comes before that of run 207, which was meant, both before the control reads", vec![
             Step::Asks,
-            Step::Prints(announced(6, "", "") + &clamping(2)),
-            Step::Prints(announced(7, "", "") + &clamping(0)),
-            Step::Reads(7),
-            Step::Prints(announced(8, "", "") + &clamping(1)),
-            Step::Reads(8),
+            Step::Prints(announced(206, "", "") + &clamping(2)),
+            Step::Prints(announced(207, "", "") + &clamping(0)),
+            Step::Reads(207),
+            Step::Prints(announced(208, "", "") + &clamping(1)),
+            Step::Reads(208),
             Step::Asks,
-            Step::Prints(announced(9, "", "") + &clamping(0)),
-            Step::Reads(9),
-            Step::Prints(announced(10, "", "") + &clamping(1)),
-            Step::Reads(10),
+            Step::Prints(announced(209, "", "") + &clamping(0)),
+            Step::Reads(209),
+            Step::Prints(announced(210, "", "") + &clamping(1)),
+            Step::Reads(210),
         ]),
-        ("The same, `umi teach --again`, text of run 11 without its last line, and text of run 12 with `T1.`, both late, before that of run 13, which was meant", vec![
+        ("The same, `umi teach --again`, text of run 211 without its last line, and text of run 212 with `T1.`, both late, before that of run 213, which was meant", vec![
             Step::Asks,
-            Step::Prints(announced(11, "", "") + without_end(&clamping(1))),
-            Step::Prints(announced(12, "T1.", "") + &clamping(2)),
-            Step::Prints(announced(13, "", "") + &clamping(0)),
-            Step::Reads(13),
+            Step::Prints(announced(211, "", "") + without_end(&clamping(1))),
+            Step::Prints(announced(212, "T1.", "") + &clamping(2)),
+            Step::Prints(announced(213, "", "") + &clamping(0)),
+            Step::Reads(213),
         ]),
-        ("The same, taught anew with `T2.` in run 3, of whose line that asks one digit comes wrong; then in run 5, of which nothing comes", vec![
+        ("The same, taught anew with `T2.` in run 303, of whose line that asks one digit comes wrong; then in run 305, of which nothing comes", vec![
             Step::Sets(Box::new(toml::from_str(&read("examples/three-spheres-run.toml")).expect("a job"))),
-            Step::Prints(announced(1, "T1.", "") + &clamping(0)),
-            Step::Prints(announced(2, "", "#530=1") + &clamping(1)),
-            Step::Reads(2),
-            Step::Prints(announced(3, "T2.", "").replace("A 8", "A 9") + &clamping(2)),
-            Step::Prints(announced(4, "", "#530=3") + &clamping(3)),
-            Step::Reads(4),
-            Step::Prints(announced(6, "", "#530=5") + &clamping(1)),
-            Step::Reads(6),
-            Step::Prints(announced(7, "T2.", "") + &clamping(0)),
-            Step::Prints(announced(8, "", "#530=7") + &clamping(2)),
-            Step::Reads(8),
+            Step::Prints(announced(301, "T1.", "") + &clamping(0)),
+            Step::Prints(announced(302, "", "#530=301") + &clamping(1)),
+            Step::Reads(302),
+            Step::Prints(announced(303, "T2.", "").replace("A 8", "A 9") + &clamping(2)),
+            Step::Prints(announced(304, "", "#530=303") + &clamping(3)),
+            Step::Reads(304),
+            Step::Prints(announced(306, "", "#530=305") + &clamping(1)),
+            Step::Reads(306),
+            Step::Prints(announced(307, "T2.", "") + &clamping(0)),
+            Step::Prints(announced(308, "", "#530=307") + &clamping(2)),
+            Step::Reads(308),
         ]),
     ]
 }
