@@ -2,8 +2,9 @@
 
 use nalgebra::{Matrix6, Vector6};
 
+use super::super::fit::row;
 use super::FiducialTask;
-use super::own::Own;
+use super::own::{Own, rank};
 use crate::rigid::{Pose, Vec3, stepped};
 use crate::solve::{eigen, pseudo_solve};
 
@@ -41,6 +42,12 @@ pub(super) struct Agreement {
     pub ratio: f64,
 }
 
+/// A motion is held by all together if they hold it by this share of the best one, in squares: less than what the fit of the
+/// points takes for free, which has the last word.
+const TOGETHER: f64 = 1e-4;
+/// Where all motions are held, what is nothing but rounding.
+const LEAST: f64 = 1e-12;
+
 struct Equations {
     /// The information of each, with its own doubt in it.
     weights: Vec<Matrix6<f64>>,
@@ -54,22 +61,63 @@ struct Equations {
 impl Seen {
     /// The pose by all of them, each weighed by what its points and its own doubt say.
     pub fn settled(mut self, task: &FiducialTask<'_>) -> Self {
+        // What none of them holds stays: there noise alone would carry it far.
+        let least = if self.rank() == 6 { LEAST } else { TOGETHER };
         for _ in 0..3 {
             let e = self.equations(task, SHARED);
-            let x = e.common();
+            let x = e.of(&(0..e.steps.len()).collect::<Vec<_>>(), least);
             let step = Vector6::new(x[0] / e.arm, x[1] / e.arm, x[2] / e.arm, x[3], x[4], x[5]);
             self.machine = stepped(&self.machine, &step, &e.about);
         }
         self
     }
 
-    fn equations(&self, task: &FiducialTask<'_>, shared: f64) -> Equations {
+    /// How many motions all their points together hold.
+    pub fn rank(&self) -> usize {
+        let (about, arm) = self.middle();
+        let of = |(_, own): &(usize, Own)| own.information(&about, arm);
+        rank(&self.own.iter().map(of).sum(), TOGETHER)
+    }
+
+    /// How well the others say where these points lie, one of its sides, of the fiducial `own[k]`: the standard uncertainty
+    /// along their normals, in mm.
+    pub fn told_by_others(&self, task: &FiducialTask<'_>, k: usize, side: &[usize]) -> f64 {
+        let mut others = Self {
+            machine: self.machine,
+            own: self.own.clone(),
+        };
+        let on = &mut others.own[k].1.on;
+        let taken: Vec<_> = side.iter().map(|&i| on[i]).collect();
+        let mut i = 0;
+        on.retain(|_| {
+            i += 1;
+            side.binary_search(&(i - 1)).is_err()
+        });
+        others.own.retain(|(_, own)| !own.on.is_empty());
+        let Some((first, measured)) = taken.first() else {
+            return 0.0;
+        };
+        let middle =
+            first + taken.iter().map(|(q, _)| q - first).sum::<Vec3>() / taken.len() as f64;
+        let e = others.equations(task, SHARED);
+        let (values, vectors) = eigen(&e.weights.iter().sum());
+        let row = row(&middle, measured, &e.about, e.arm);
+        let squares: f64 = (0..6)
+            .map(|i| vectors.column(i).dot(&row).powi(2) / values[i].max(1e-12))
+            .sum();
+        squares.sqrt()
+    }
+
+    /// The middle of all, and how far they are from it.
+    fn middle(&self) -> (Vec3, f64) {
         let middles: Vec<Vec3> = self.own.iter().map(|(_, own)| own.middle()).collect();
         let about = middles.iter().sum::<Vec3>() / middles.len().max(1) as f64;
-        let arm = middles
-            .iter()
-            .map(|m| (m - about).norm())
-            .fold(10.0, f64::max);
+        let arm = middles.iter().map(|m| (m - about).norm());
+        (about, arm.fold(10.0, f64::max))
+    }
+
+    fn equations(&self, task: &FiducialTask<'_>, shared: f64) -> Equations {
+        let (about, arm) = self.middle();
         let mut e = Equations {
             weights: Vec::new(),
             steps: Vec::new(),
@@ -171,7 +219,7 @@ impl Seen {
                 } else {
                     left.clone()
                 };
-                let x = e.steps[i] - e.of(&others);
+                let x = e.steps[i] - e.of(&others, LEAST);
                 let (k, own) = &self.own[i];
                 let w = Vec3::new(x[0], x[1], x[2]) / e.arm;
                 let shape = &task.fiducials[*k].shape;
@@ -187,14 +235,11 @@ impl Seen {
 }
 
 impl Equations {
-    fn common(&self) -> Vector6<f64> {
-        self.of(&(0..self.steps.len()).collect::<Vec<_>>())
-    }
-
-    fn of(&self, these: &[usize]) -> Vector6<f64> {
+    /// `least`: motions that are held by a smaller share of the best one are left out.
+    fn of(&self, these: &[usize], least: f64) -> Vector6<f64> {
         let sum: Matrix6<f64> = these.iter().map(|&i| self.weights[i]).sum();
         let right: Vector6<f64> = these.iter().map(|&i| self.weights[i] * self.steps[i]).sum();
-        pseudo_solve(&sum, &right, 1e-12)
+        pseudo_solve(&sum, &right, least)
     }
 
     fn agree_of(&self, these: &[usize]) -> bool {
@@ -232,7 +277,7 @@ impl Equations {
 
     /// The sum of squares that is left.
     fn misfit(&self, these: &[usize]) -> f64 {
-        let x = self.of(these);
+        let x = self.of(these, LEAST);
         these
             .iter()
             .map(|&i| {

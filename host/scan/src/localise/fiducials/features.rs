@@ -1,5 +1,6 @@
 //! What in a scan looks like a fiducial, each shape by itself.
 
+use super::meshes::sides::Sides;
 use super::own::Own;
 use super::{FiducialTask, Sought, balls, cones, meshes, own};
 use crate::localise::search::oriented::{from_seed, orient, thin};
@@ -19,6 +20,8 @@ pub(super) struct Feature {
     pub inliers: usize,
     /// Its landmarks in the scan.
     pub landmarks: Vec<Vec3>,
+    /// Its fit: what its points hold of it.
+    pub own: Own,
 }
 
 /// Points to search with at most.
@@ -60,6 +63,12 @@ impl<'a> Sought<'a> {
                 .map(|s| match s {
                     FiducialShape::Mesh(mesh) => own::rims(mesh),
                     _ => Vec::new(),
+                })
+                .collect(),
+            sides: shapes()
+                .map(|s| match s {
+                    FiducialShape::Mesh(mesh) => Some(Sides::new(mesh)),
+                    _ => None,
                 })
                 .collect(),
             class: shapes()
@@ -128,17 +137,21 @@ impl<'a> Sought<'a> {
         found.sort_by_key(|own| std::cmp::Reverse(own.on.len()));
         let mut kept: Vec<Feature> = Vec::new();
         for own in found {
+            if kept.len() == KEPT {
+                break;
+            }
             let landmarks: Vec<Vec3> = marks.iter().map(|p| own.motion.point(p)).collect();
             let apart = |other: &Feature| {
                 let pairs = other.landmarks.iter().zip(&landmarks);
                 pairs.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
             };
-            if kept.len() < KEPT && kept.iter().all(|other| apart(other) > 0.3 * size) {
+            if kept.iter().all(|other| apart(other) > 0.3 * size) {
                 kept.push(Feature {
                     class: k,
                     motion: own.motion,
                     inliers: (own.on.len() as f64 * per) as usize,
                     landmarks,
+                    own,
                 });
             }
         }

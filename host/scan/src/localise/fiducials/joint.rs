@@ -269,10 +269,7 @@ pub(super) fn finish(
         let reach = (0.05 * least).max(0.2);
         let settled = fit::settle(surface, points, &motion, reach, least * 1e-7, 40, threads);
         let Some(settled) = settled else {
-            return Err(ScanError::refused(
-                "no_fiducial",
-                "no fiducial is where it should be near the start: is the start right? Without --start it is searched",
-            ));
+            return Err(not_here());
         };
         let sigma = settled.sigma_mm;
         let there = measure(surface, points, &settled.motion, &[], threads);
@@ -312,6 +309,9 @@ pub(super) fn finish(
         })
         .collect();
     let standing = bodies.standing(task, &on, &measured);
+    if task.kernel.is_none() && !standing.contains(&true) {
+        return Err(not_here());
+    }
     let one = match task.kernel {
         None => bodies.one_of_several(task, &standing, &measured, &motion, sigma)?,
         Some(_) => None,
@@ -395,6 +395,13 @@ pub(super) fn finish(
         fiducials,
         on_fiducials,
     })
+}
+
+fn not_here() -> ScanError {
+    ScanError::refused(
+        "no_fiducial",
+        "no fiducial is where it should be near the start: is the start right? Without --start it is searched",
+    )
 }
 
 /// How far from its place a fiducial's own points are looked for, over its size.

@@ -2,9 +2,11 @@
 
 use nalgebra::{Matrix3, Matrix4};
 
+use super::adjust::Seen;
 use super::features::Feature;
-use super::{Fiducial, Sought};
-use crate::rigid::{Pose, Vec3};
+use super::own::Own;
+use super::{FiducialShape, Sought};
+use crate::rigid::{Pose, Vec3, rotation_vector};
 use crate::solve::eigen;
 
 /// Fiducials taken for features.
@@ -30,6 +32,10 @@ pub(super) struct Tolerance {
 
 /// Matches at most.
 const MOST: usize = 20_000;
+/// Of them, those that are told.
+const KEPT: usize = 40;
+/// Bodies are turned alike to so many rad.
+const ALIKE: f64 = 0.03;
 
 /// The motion that carries `from` nearest to `to` in the sense of least squares (Horn, J. Opt. Soc. Am. A 4, 1987), and
 /// whether there is but one.
@@ -78,8 +84,7 @@ pub(super) fn carry(from: &[Vec3], to: &[Vec3]) -> (Pose, bool) {
 
 /// All that matching goes by.
 pub(super) struct Matching<'a> {
-    fiducials: &'a [Fiducial],
-    class: &'a [usize],
+    sought: &'a Sought<'a>,
     features: &'a [Feature],
     /// The landmarks of each fiducial in the machine.
     marks: Vec<Vec<Vec3>>,
@@ -87,10 +92,8 @@ pub(super) struct Matching<'a> {
 }
 
 impl<'a> Matching<'a> {
-    pub fn new(sought: &'a Sought<'_>, features: &'a [Feature], tolerance: Tolerance) -> Self {
-        let fiducials = sought.task.fiducials;
-        let marks = fiducials
-            .iter()
+    pub fn new(sought: &'a Sought<'a>, features: &'a [Feature], tolerance: Tolerance) -> Self {
+        let marks = (sought.task.fiducials.iter())
             .map(|f| {
                 f.shape
                     .landmarks()
@@ -100,8 +103,7 @@ impl<'a> Matching<'a> {
             })
             .collect();
         Self {
-            fiducials,
-            class: &sought.class,
+            sought,
             features,
             marks,
             tolerance,
@@ -110,14 +112,37 @@ impl<'a> Matching<'a> {
 
     /// Sets that hold the pose, those with the most fiducials first; if there are none, sets that leave a motion free.
     pub fn all(&self) -> Vec<Match> {
+        self.best(self.sets())
+    }
+
+    /// The same, and bodies with others: of a body the scan may show two sides only, along which it slides.
+    pub fn all_with_bodies(&self) -> Vec<Match> {
+        let mut all = self.sets();
+        for f in (0..self.marks.len()).filter(|&f| self.is_body(f)) {
+            // Each two bodies once.
+            for g in (0..self.marks.len()).filter(|&g| g > f || !self.is_body(g)) {
+                for c in self.like(f) {
+                    let others = self.like(g).filter(|d| *d != c);
+                    all.extend(others.filter_map(|d| self.together((f, c), (g, d))));
+                }
+            }
+        }
+        self.best(all)
+    }
+
+    fn sets(&self) -> Vec<Match> {
         let (mut whole, mut part) = (Vec::new(), Vec::new());
         let mut pairs = Vec::new();
         self.extend(0, &mut pairs, &mut whole, &mut part);
-        let mut all: Vec<Match> = if whole.is_empty() { part } else { whole }
+        if whole.is_empty() { part } else { whole }
             .iter()
             .map(|pairs| self.grown(pairs))
             .filter(|m| self.agrees(m))
-            .collect();
+            .collect()
+    }
+
+    /// Those with the most fiducials, and of these with the most points, each pose once.
+    fn best(&self, mut all: Vec<Match>) -> Vec<Match> {
         all.sort_by(|a, b| {
             (b.pairs.len(), b.points)
                 .cmp(&(a.pairs.len(), a.points))
@@ -125,10 +150,12 @@ impl<'a> Matching<'a> {
         });
         let mut kept: Vec<Match> = Vec::new();
         for m in all {
-            if kept.len() < 24
-                && kept
-                    .iter()
-                    .all(|k| self.apart_mm(k, &m) > self.tolerance.mm)
+            if kept.len() == KEPT {
+                break;
+            }
+            if kept
+                .iter()
+                .all(|k| self.apart_mm(k, &m) > self.tolerance.mm)
             {
                 kept.push(m);
             }
@@ -140,6 +167,67 @@ impl<'a> Matching<'a> {
     fn apart_mm(&self, a: &Match, b: &Match) -> f64 {
         let marks = self.marks.concat();
         a.machine.apart_mm(&b.machine, &marks)
+    }
+
+    fn is_body(&self, f: usize) -> bool {
+        let shape = &self.sought.task.fiducials[f].shape;
+        matches!(shape, FiducialShape::Mesh(_))
+    }
+
+    /// The features that look like a fiducial.
+    fn like(&self, f: usize) -> impl Iterator<Item = usize> + use<'_, 'a> {
+        let class = self.sought.class[f];
+        (0..self.features.len()).filter(move |&c| self.features[c].class == class)
+    }
+
+    /// A body and another fiducial where their points, of both together, put them; none if these contradict each other.
+    fn together(&self, (f, c): (usize, usize), (g, d): (usize, usize)) -> Option<Match> {
+        let task = self.sought.task;
+        let machine =
+            |f: usize, c: usize| (self.features[c].motion).after(&task.fiducials[f].pose.inverse());
+        let by_body = machine(f, c);
+        let turned = || {
+            let turn = machine(g, d).rotation * by_body.rotation.transpose();
+            rotation_vector(&turn).norm() > ALIKE
+        };
+        if self.is_body(g) && turned() {
+            return None;
+        }
+        let like = by_body.after(&task.fiducials[g].pose);
+        let other = Own {
+            motion: self.sought.turned_to(&like, &self.features[d], g),
+            ..self.features[d].own.clone()
+        };
+        let seen = Seen {
+            machine: by_body,
+            own: vec![(f, self.features[c].own.clone()), (g, other)],
+        };
+        let seen = seen.settled(task);
+        let slack = self.slack((self.marks[f][0] - self.marks[g][0]).norm());
+        let mut off_mm = 0f64;
+        for (k, own) in &seen.own {
+            let fiducial = &task.fiducials[*k];
+            let there = seen.machine.after(&fiducial.pose);
+            off_mm = off_mm.max(own.off_mm(&there));
+            // It slides along what it shows, and not off it.
+            let middle = fiducial.shape.middle();
+            let slid = (there.point(&middle) - own.motion.point(&middle)).norm();
+            if off_mm > slack || slid > fiducial.shape.size_mm() {
+                return None;
+            }
+        }
+        let mut pairs = vec![(f, c), (g, d)];
+        for k in (0..self.marks.len()).filter(|&k| k != f && k != g) {
+            let off = |c: &usize| self.off(&seen.machine, k, *c);
+            let best = self.like(k).min_by(|a, b| off(a).total_cmp(&off(b)));
+            pairs.extend(best.filter(|c| off(c) < slack).map(|c| (k, c)));
+        }
+        Some(Match {
+            machine: seen.machine,
+            points: pairs.iter().map(|(_, c)| self.features[*c].inliers).sum(),
+            pairs,
+            off_mm,
+        })
     }
 
     fn slack(&self, distance: f64) -> f64 {
@@ -169,9 +257,9 @@ impl<'a> Matching<'a> {
         if pairs.len() >= 3 {
             return;
         }
-        for f in from..self.fiducials.len() {
+        for f in from..self.sought.task.fiducials.len() {
             for (c, feature) in self.features.iter().enumerate() {
-                if feature.class == self.class[f]
+                if feature.class == self.sought.class[f]
                     && pairs.iter().all(|(_, other)| *other != c)
                     && pairs.iter().all(|pair| self.fits(*pair, (f, c)))
                 {
@@ -216,13 +304,13 @@ impl<'a> Matching<'a> {
         let mut pairs = pairs.to_vec();
         if whole {
             let middle = p.iter().sum::<Vec3>() / p.len() as f64;
-            for f in 0..self.fiducials.len() {
+            for f in 0..self.sought.task.fiducials.len() {
                 if pairs.iter().any(|(g, _)| *g == f) {
                     continue;
                 }
                 let slack = self.slack((self.marks[f][0] - middle).norm());
                 let best = (0..self.features.len())
-                    .filter(|&c| self.features[c].class == self.class[f])
+                    .filter(|&c| self.features[c].class == self.sought.class[f])
                     .filter(|c| pairs.iter().all(|(_, d)| d != c))
                     .map(|c| (self.off(&machine, f, c), c))
                     .min_by(|a, b| a.0.total_cmp(&b.0));

@@ -16,6 +16,7 @@ mod refuse;
 #[cfg(test)]
 mod tests;
 
+use self::meshes::sides::Sides;
 use super::uncertainty::Group;
 use super::{Located, SymmetryAxis};
 use crate::ScanError;
@@ -252,6 +253,8 @@ struct Sought<'a> {
     surfaces: Vec<CompositeSurface>,
     /// The rims and sharp edges of each, in its own frame; none of a ball or a cone.
     rims: Vec<Vec<[Vec3; 2]>>,
+    /// The flat sides of each body; none of a ball or a cone.
+    sides: Vec<Option<Sides>>,
     /// The first fiducial that looks like this one.
     class: Vec<usize>,
     /// Points to refine with.

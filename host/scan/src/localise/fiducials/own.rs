@@ -179,30 +179,51 @@ impl Sought<'_> {
     }
 }
 
+/// How many motions this information holds by this share of the best one, in squares.
+pub(super) fn rank(information: &Matrix6<f64>, held: f64) -> usize {
+    let (values, _) = eigen(information);
+    values.iter().filter(|v| **v > held * values[5]).count()
+}
+
 /// From where to where; and the same by its bits, of either direction.
 type Edge = [Vec3; 2];
 type Ends = [[u64; 3]; 2];
 
-/// The edges that one triangle alone has, and those over which the surface turns sharply. Nothing is said of what lies
-/// beyond the former; a body that ends flush with another one shows none of the latter.
-pub(super) fn rims(mesh: &Mesh) -> Vec<Edge> {
+/// Every edge with the triangles beside it.
+fn edges(mesh: &Mesh) -> impl Iterator<Item = (Edge, Vec<usize>)> {
     // Zero has two signs.
     let key = |v: &Vec3| [v.x, v.y, v.z].map(|x| (x + 0.0).to_bits());
-    let mut all: BTreeMap<Ends, (Edge, Vec<Vec3>)> = BTreeMap::new();
-    for t in mesh.triangles() {
+    let mut all: BTreeMap<Ends, (Edge, Vec<usize>)> = BTreeMap::new();
+    for (k, t) in mesh.triangles().iter().enumerate() {
         for i in 0..3 {
             let edge = [t.corners[i], t.corners[(i + 1) % 3]];
             let mut ends = edge.map(|v| key(&v));
             ends.sort_unstable();
-            all.entry(ends)
-                .or_insert((edge, Vec::new()))
-                .1
-                .push(t.normal);
+            all.entry(ends).or_insert((edge, Vec::new())).1.push(k);
         }
     }
     all.into_values()
-        .filter(|(_, sides)| sides.len() == 1 || sides.iter().any(|n| n.dot(&sides[0]) < SHARP))
+}
+
+/// Whether the surface turns sharply between these triangles.
+fn is_sharp(mesh: &Mesh, beside: &[usize]) -> bool {
+    let normal = |k: usize| mesh.triangles()[k].normal;
+    (beside.iter()).any(|&k| normal(k).dot(&normal(beside[0])) < SHARP)
+}
+
+/// The edges that one triangle alone has, and those over which the surface turns sharply. Nothing is said of what lies
+/// beyond the former; a body that ends flush with another one shows none of the latter.
+pub(super) fn rims(mesh: &Mesh) -> Vec<Edge> {
+    edges(mesh)
+        .filter(|(_, beside)| beside.len() == 1 || is_sharp(mesh, beside))
         .map(|(edge, _)| edge)
+        .collect()
+}
+
+/// The edges over which the surface turns sharply, with the two triangles beside each.
+pub(super) fn sharp(mesh: &Mesh) -> Vec<(Edge, Vec<usize>)> {
+    edges(mesh)
+        .filter(|(_, beside)| beside.len() == 2 && is_sharp(mesh, beside))
         .collect()
 }
 
@@ -222,7 +243,7 @@ pub(super) fn is_apart(foot: &Vec3, rims: &[[Vec3; 2]], margin: f64) -> bool {
 
 impl Own {
     /// Where it is, with what its points do not hold as `start` has it.
-    fn held_from(&self, start: &Pose) -> Pose {
+    pub fn held_from(&self, start: &Pose) -> Pose {
         let about = self.middle();
         let arm = self.arm(&about);
         let (values, vectors) = eigen(&self.information(&about, arm));
@@ -266,8 +287,17 @@ impl Own {
     /// How many motions its points hold.
     pub fn rank(&self) -> usize {
         let about = self.middle();
-        let (values, _) = eigen(&self.information(&about, self.arm(&about)));
-        values.iter().filter(|v| **v > HELD * values[5]).count()
+        rank(&self.information(&about, self.arm(&about)), HELD)
+    }
+
+    /// How far the motion to `other` carries its points along their normals, root of the mean square, in mm: what its points
+    /// do not hold counts for nothing.
+    pub fn off_mm(&self, other: &Pose) -> f64 {
+        let about = self.middle();
+        let arm = self.arm(&about);
+        let step = self.step_from(other, &about, arm);
+        let squares = step.dot(&(self.information(&about, arm) * step));
+        (squares / self.on.len() as f64).sqrt()
     }
 
     /// Whether the points surround it enough to be it and not something flat beside it.

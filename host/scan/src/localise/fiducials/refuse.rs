@@ -7,7 +7,8 @@ use super::super::verdict::symmetry;
 use super::adjust::{Seen, Stray};
 use super::features::Feature;
 use super::matching::{Match, Matching, Tolerance};
-use super::own::Own;
+use super::meshes::sides::Meeting;
+use super::own::{Own, margin};
 use super::{FiducialTask, Searched, Sought};
 use crate::ScanError;
 use crate::rigid::{Pose, Vec3};
@@ -25,12 +26,15 @@ const LOOSE: Tolerance = Tolerance {
 };
 /// Matches that are tried with the points themselves.
 const TRIED: usize = 24;
-/// A mirror image that shows this many times the points is the right one.
+/// A mirror image, or another pose, that shows this many times the points is rather the right one.
 const FAR_MORE: f64 = 1.3;
 
 /// A side counts if it is this share of the body's surface, and has so many times as many points on it as beside it.
 const SIDE_SHOWN: f64 = 0.2;
 const SIDE_BESIDE: usize = 10;
+
+/// What others say of a side holds to so many standard deviations.
+const SURELY: f64 = 4.0;
 
 /// A match tried with the points.
 struct Tried {
@@ -44,6 +48,8 @@ struct Tried {
     held: bool,
     /// Those that disagree with the others.
     strays: Vec<Stray>,
+    /// How the sides of all bodies meet.
+    meeting: Meeting,
 }
 
 impl Tried {
@@ -53,11 +59,19 @@ impl Tried {
     }
 
     /// What speaks for it, the most important first.
-    fn worth(&self) -> (bool, usize, bool, usize) {
+    fn worth(&self) -> (bool, usize, bool, bool, usize) {
         // One that stands near its place and disagrees speaks for the pose too, half as much: by a wrong pose it would
         // not stand there at all.
         let standing = self.seen.own.len() + self.agreeing();
-        (self.held, standing, self.strays.is_empty(), self.points)
+        let agrees = self.strays.is_empty();
+        // What leaves a motion free and explains more is right rather than one body that was read from other faces.
+        (
+            self.held || agrees,
+            standing,
+            agrees,
+            self.meeting != Meeting::Gaping,
+            self.points,
+        )
     }
 }
 
@@ -163,7 +177,7 @@ fn direct(sought: &Sought<'_>) -> (Evidence, Result<Searched, ScanError>) {
     let features = sought.features();
     let matching = Matching::new(sought, &features, TIGHT);
     let mut tried: Vec<Tried> = matching
-        .all()
+        .all_with_bodies()
         .iter()
         .take(TRIED)
         .filter_map(|m| attempt(sought, &features, &matching, m))
@@ -194,8 +208,15 @@ fn judged(
             None => nothing(sought, features),
         });
     };
-    if !best.strays.is_empty() {
-        return Err(disagree(sought.task, &best.strays));
+    // Where one has moved, the right pose disagrees, and shows far more than one that agrees by other faces.
+    let disagrees = |t: &&Tried| {
+        t.seen.own.len() >= best.seen.own.len() && !t.strays.is_empty() && shows_more(t, best)
+    };
+    if let Some(t) = Some(best)
+        .filter(|t| !t.strays.is_empty())
+        .or(tried.iter().find(disagrees))
+    {
+        return Err(disagree(sought.task, &t.strays));
     }
     if !best.near.is_empty() {
         let strays: Vec<Stray> = best
@@ -216,7 +237,60 @@ fn judged(
         };
     }
     alone(sought, tried)?;
-    only_one(sought, tried)
+    let found = only_one(sought, tried)?;
+    told_twice(sought, best)?;
+    Ok(found)
+}
+
+/// Whether one match shows so many more points than another one that this cannot be believed beside it.
+fn shows_more(t: &Tried, than: &Tried) -> bool {
+    t.points as f64 > FAR_MORE * than.points as f64
+}
+
+/// Refuses where several bodies hold the pose together and it hangs on one side of one that need not be this side: a wall's
+/// other face looks the same. It is the side if it meets its neighbour, or if the others say that it lies there.
+fn told_twice(sought: &Sought<'_>, best: &Tried) -> Result<(), ScanError> {
+    if best.seen.own.len() < 2 {
+        return Ok(());
+    }
+    for (k, (f, own)) in best.seen.own.iter().enumerate() {
+        let Some(sides) = &sought.sides[*f] else {
+            continue;
+        };
+        // By one side alone the fit does not go.
+        if !own.holds(&sought.task.fiducials[*f].shape) {
+            continue;
+        }
+        let meet = sought.meet(*f, own);
+        for side in 0..sides.count() {
+            let its = || {
+                meet.iter()
+                    .filter(|(pair, _)| pair.contains(&side))
+                    .map(|m| m.1)
+            };
+            let closed = its().any(|m| m == Meeting::Closed);
+            if closed && its().all(|m| m != Meeting::Gaping) {
+                continue;
+            }
+            let these: Vec<usize> = (0..own.on.len())
+                .filter(|&i| sides.of(own.on[i].1.face) == Some(side))
+                .collect();
+            let u = best.seen.told_by_others(sought.task, k, &these);
+            if SURELY * u > TIGHT.mm {
+                let name = &sought.task.fiducials[*f].name;
+                return Err(symmetry::ambiguous(
+                    &[],
+                    &[best.seen.machine.inverse()],
+                    &format!(
+                        "the pose hangs on one side of {name}, and the scan does not show that it meets the next one: the other \
+                         face of a wall would look the same"
+                    ),
+                    "scan more densely, or so that a third side is seen",
+                ));
+            }
+        }
+    }
+    Ok(())
 }
 
 fn found(best: &Tried, symmetries: Vec<super::SymmetryAxis>) -> Searched {
@@ -242,12 +316,8 @@ fn attempt(
     };
     for (f, c) in &m.pairs {
         // What the feature does not hold is as the match has it.
-        let start = turned_to(
-            &m.machine.after(&fiducials[*f].pose),
-            &features[*c].motion,
-            sought,
-            *f,
-        );
+        let there = m.machine.after(&fiducials[*f].pose);
+        let start = sought.turned_to(&there, &features[*c], *f);
         if let Some(own) = sought.own(*f, &start, reach(sought, *f)) {
             seen.own.push((*f, own));
         }
@@ -278,7 +348,7 @@ fn attempt(
         }
     }
     let held = whole && is_held(&seen, sought);
-    if held {
+    if held || seen.own.len() > m.pairs.len() {
         seen = seen.settled(sought.task);
     }
     let (mut near, mut elsewhere) = (Vec::new(), Vec::new());
@@ -305,6 +375,12 @@ fn attempt(
     Some(Tried {
         points: seen.own.iter().map(|(_, own)| own.on.len()).sum(),
         strays: seen.strays(sought.task),
+        meeting: Meeting::of_all(
+            seen.own
+                .iter()
+                .flat_map(|(f, own)| sought.meet(*f, own))
+                .map(|(_, meeting)| meeting),
+        ),
         seen,
         near,
         elsewhere,
@@ -336,31 +412,38 @@ fn reach(sought: &Sought<'_>, f: usize) -> f64 {
     (0.06 * size).max(4.0 * sought.noise_mm).max(0.2)
 }
 
-/// The place of a feature, turned as `like` where the shape does not say.
-fn turned_to(like: &Pose, feature: &Pose, sought: &Sought<'_>, f: usize) -> Pose {
-    use super::FiducialShape::{Ball, Cone, Mesh};
-    match sought.task.fiducials[f].shape {
-        Mesh(_) => *feature,
-        Ball { .. } => Pose {
-            rotation: like.rotation,
-            translation_mm: feature.translation_mm,
-        },
-        Cone { .. } => {
-            let (from, to) = (
-                like.rotation.column(2).into_owned(),
-                feature.rotation.column(2).into_owned(),
-            );
-            let about = from.cross(&to);
-            let angle = about.norm().atan2(from.dot(&to));
-            let turn = if about.norm() > 1e-12 {
-                crate::rigid::rotation(&(about * (angle / about.norm())))
-            } else {
-                nalgebra::Matrix3::identity()
-            };
-            Pose {
-                rotation: turn * like.rotation,
-                translation_mm: feature.translation_mm,
+impl Sought<'_> {
+    /// How the sides of a body meet that its points show.
+    fn meet(&self, f: usize, own: &Own) -> Vec<([usize; 2], Meeting)> {
+        let size = self.task.fiducials[f].shape.size_mm();
+        let margin = margin(self.noise_mm, size);
+        let sides = self.sides[f].as_ref();
+        sides.map_or_else(Vec::new, |sides| sides.meet(own, margin, size))
+    }
+
+    /// The place of a feature; what it does not hold of the fiducial `f` is as `like` has it.
+    pub fn turned_to(&self, like: &Pose, feature: &Feature, f: usize) -> Pose {
+        use super::FiducialShape::{Ball, Cone, Mesh};
+        let at = &feature.motion;
+        let rotation = match self.task.fiducials[f].shape {
+            Mesh(_) => return feature.own.held_from(like),
+            Ball { .. } => like.rotation,
+            Cone { .. } => {
+                let axis = |pose: &Pose| pose.rotation.column(2).into_owned();
+                let (from, to) = (axis(like), axis(at));
+                let about = from.cross(&to);
+                let angle = about.norm().atan2(from.dot(&to));
+                let turn = if about.norm() > 1e-12 {
+                    crate::rigid::rotation(&(about * (angle / about.norm())))
+                } else {
+                    nalgebra::Matrix3::identity()
+                };
+                turn * like.rotation
             }
+        };
+        Pose {
+            rotation,
+            translation_mm: at.translation_mm,
         }
     }
 }
@@ -382,7 +465,7 @@ fn is_held(seen: &Seen, sought: &Sought<'_>) -> bool {
             marks.into_iter().map(|p| own.motion.point(&p))
         })
         .collect();
-    super::matching::carry(&marks, &marks).1
+    super::matching::carry(&marks, &marks).1 || seen.rank() == 6
 }
 
 /// A pose by one fiducial alone stands only where nothing speaks against it.
@@ -434,12 +517,18 @@ fn only_one(sought: &Sought<'_>, tried: &[Tried]) -> Result<Searched, ScanError>
         .iter()
         .flat_map(|f| f.shape.landmarks().into_iter().map(|p| f.pose.point(&p)))
         .collect();
+    // Where the sides of bodies meet by the best one and do not by another, that has to show more points.
+    let share = |t: &Tried| match (best.meeting, t.meeting) {
+        (_, Meeting::Gaping) | (Meeting::Closed, Meeting::Unsure) => 1.0,
+        _ => 0.7,
+    };
     let equal: Vec<Pose> = tried[1..]
         .iter()
         .filter(|t| {
             t.held
-                && t.seen.own.len() == best.seen.own.len()
-                && t.points as f64 > 0.7 * best.points as f64
+                && (t.seen.own.len() == best.seen.own.len()
+                    && t.points as f64 > share(t) * best.points as f64
+                    || shows_more(t, best))
                 && t.strays.is_empty()
                 && t.seen.machine.apart_mm(&best.seen.machine, &marks) > 4.0 * TIGHT.mm
         })
@@ -502,7 +591,7 @@ fn loosely(
     };
     for (f, c) in &m.pairs {
         let like = m.machine.after(&fiducials[*f].pose);
-        let start = turned_to(&like, &features[*c].motion, sought, *f);
+        let start = sought.turned_to(&like, &features[*c], *f);
         if let Some(own) = sought.own(*f, &start, reach(sought, *f)) {
             seen.own.push((*f, own));
         }

@@ -1,3 +1,5 @@
+mod two_corners;
+
 use super::super::tests::Random;
 use super::*;
 use crate::rigid::{rotation, rotation_vector, stepped};

@@ -1,5 +1,7 @@
 //! Bodies of any shape: pairs of oriented points vote for poses, as for a part, but near to where they are.
 
+pub(super) mod sides;
+
 use crate::cloud::tree::PointTree;
 use crate::localise::search::oriented::Oriented;
 use crate::localise::search::pairs::{Prepared, Proposal, sort, spread};
