@@ -167,3 +167,24 @@ fn an_unfinished_file_follows_no_link() {
     assert_eq!(std::fs::read_to_string(&victim).unwrap(), "mine");
     assert!(std::fs::symlink_metadata(&out).unwrap().is_file());
 }
+
+/// A pull takes the place of a file, and of nothing else: a device, a socket or a pipe stays what it is.
+#[test]
+#[cfg(unix)]
+fn a_pull_takes_no_devices_place() {
+    use std::os::unix::fs::FileTypeExt as _;
+    let (folder, port) = (Folder::new(), Board::new(0).serve());
+    let out = folder.path("socket");
+    let _socket = std::os::unix::net::UnixListener::bind(&out).unwrap();
+    for args in [
+        &["log", "pull", &out][..],
+        &["log", "pull", &out, "--force"],
+        &["log", "-o", &out],
+    ] {
+        umi_with(("NO_COLOR", "1"), &[args, &["--port", &port]].concat())
+            .exits(1)
+            .says("is no file");
+        let found = std::fs::symlink_metadata(&out).unwrap();
+        assert!(found.file_type().is_socket());
+    }
+}

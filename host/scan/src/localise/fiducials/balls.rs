@@ -63,6 +63,7 @@ pub(super) fn starts(places: &[Oriented], radius_mm: f64, threads: Threads) -> V
 /// The radius of a ball by its own points.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RadiusSeen {
+    pub centre_mm: Vec3,
     pub radius_mm: f64,
     /// Its standard uncertainty.
     pub u_mm: f64,
@@ -97,8 +98,44 @@ pub(super) fn radius_seen(points: &[Vec3], about: &Vec3, radius_mm: f64) -> Opti
     let noise_mm = (squares / (points.len() as f64 - 4.0).max(1.0)).sqrt();
     let u_mm = noise_mm * inverse[(3, 3)].max(0.0).sqrt();
     Some(RadiusSeen {
+        centre_mm: centre,
         radius_mm: radius,
         u_mm,
         noise_mm,
+    })
+}
+
+/// How far from where it should be a ball's surface is looked for, over its radius.
+const ABOUT: f64 = 0.1;
+/// Rounds in which what is not on the sphere is left out.
+const ROUNDS: usize = 5;
+/// And that is what lies off it by so many times the noise.
+const BESIDE: f64 = 4.0;
+
+/// The radius of a ball that has no points where its stated radius puts its surface, by those about there, without what lies
+/// beside a sphere (its post). None where most of them lie on no sphere as smooth as the scan.
+pub(super) fn other_radius(
+    points: &[Vec3],
+    about: &Vec3,
+    radius_mm: f64,
+    noise_mm: f64,
+) -> Option<RadiusSeen> {
+    let reach = ABOUT * radius_mm;
+    let is_near = |q: &&Vec3| ((**q - about).norm() - radius_mm).abs() < reach;
+    let near: Vec<Vec3> = points.iter().filter(is_near).copied().collect();
+    let mut on = near.clone();
+    let mut seen = None;
+    for _ in 0..ROUNDS {
+        if on.len() < LEAST.max(near.len() / 2) {
+            return None;
+        }
+        let sphere = radius_seen(&on, about, radius_mm)?;
+        let limit = BESIDE * sphere.noise_mm.max(noise_mm);
+        let off = |q: &Vec3| ((q - sphere.centre_mm).norm() - sphere.radius_mm).abs();
+        on = near.iter().filter(|q| off(q) < limit).copied().collect();
+        seen = Some(sphere);
+    }
+    seen.filter(|sphere| {
+        sphere.noise_mm < 2.0 * noise_mm && (sphere.centre_mm - about).norm() < reach
     })
 }

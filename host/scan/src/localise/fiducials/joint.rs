@@ -8,7 +8,7 @@ use super::super::uncertainty::{Group, Groups, certainty, turning};
 use super::super::verdict::symmetry;
 use super::super::{Chosen, Located, degenerate, verdict_reasons};
 use super::adjust::Seen;
-use super::balls::radius_seen;
+use super::balls::{RadiusSeen, other_radius, radius_seen};
 use super::own::{self, Own};
 use super::refuse::disagree;
 use super::{
@@ -383,7 +383,18 @@ pub(super) fn finish(
     for &i in on.iter().filter(|&&i| standing[of[i]]) {
         of_ball[of[i]].push(points[i]);
     }
-    let sizes = (task.fiducials.iter().zip(&of_ball)).filter_map(|(f, own)| size(f, own, &machine));
+    let sizes = task.fiducials.iter().enumerate().filter_map(|(k, f)| {
+        let FiducialShape::Ball { radius_mm } = f.shape else {
+            return None;
+        };
+        let centre = machine.point(&f.pose.translation_mm);
+        let seen = if standing[k] {
+            radius_seen(&of_ball[k], &centre, radius_mm)
+        } else {
+            other_radius(points, &centre, radius_mm, sigma)
+        };
+        size(f, radius_mm, &seen?)
+    });
     located.reasons.extend(sizes);
     let fiducials = seen(task, &machine, &on, &measured, groups, &standing, sigma);
     let mut on_fiducials = vec![false; points.len()];
@@ -416,12 +427,7 @@ const SURELY: f64 = 4.0;
 const ROUGH: f64 = 1.0;
 
 /// What makes a ball NG: another radius than its file says. A ball seen from one side puts its centre off by as much and more.
-fn size(fiducial: &Fiducial, own: &[Vec3], machine: &Pose) -> Option<ScanError> {
-    let FiducialShape::Ball { radius_mm } = fiducial.shape else {
-        return None;
-    };
-    let centre = machine.point(&fiducial.pose.translation_mm);
-    let seen = radius_seen(own, &centre, radius_mm)?;
+fn size(fiducial: &Fiducial, radius_mm: f64, seen: &RadiusSeen) -> Option<ScanError> {
     let off = seen.radius_mm - radius_mm;
     (off.abs() > SURELY * seen.u_mm + ROUGH * seen.noise_mm).then(|| {
         ScanError::refused(

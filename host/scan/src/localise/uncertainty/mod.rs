@@ -205,7 +205,7 @@ fn by(
     let six: Matrix6<f64> = bare.fixed_view::<6, 6>(0, 0).into_owned();
     let (values, vectors) = eigen(&six);
     let free: Vec<Vector6<f64>> = (0..6)
-        .filter(|&k| values[k] < FREE * values[5])
+        .filter(|&k| values[k] <= FREE * values[5])
         .map(|k| {
             let v = vectors.column(k);
             Vector6::new(v[0] / arm, v[1] / arm, v[2] / arm, v[3], v[4], v[5])

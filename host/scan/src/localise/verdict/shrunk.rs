@@ -14,8 +14,10 @@ use crate::rigid::Vec3;
 /// Sizes that are searched at: each fits what is off it by some 2 %.
 const TRIED: [f64; 9] = [1.0, 0.96, 1.04, 0.92, 1.09, 0.875, 1.14, 0.835, 1.2];
 /// Poses of each from which the size is fitted, and points that it is fitted to.
-const POSES: usize = 6;
+const POSES: usize = 4;
 const POINTS: usize = 3000;
+/// A scan that is so many times as large as the part shows other things, among which each search would take its time.
+const LARGER: f64 = 1.35;
 /// It must explain so many times as many points as anything else does.
 const MORE: f64 = 1.2;
 
@@ -23,7 +25,11 @@ impl Judge<'_> {
     /// Refuses if the scan fits at another size, and there by far more points than the `known` ones.
     pub(super) fn other_size(&self, known: usize) -> Result<(), ScanError> {
         let threads = self.task.threads;
-        let about = crate::localise::fit::middle(self.task.points);
+        let (low, high) = crate::surface::bounds(self.task.points.iter());
+        if (high - low).norm() > LARGER * self.prepared.diagonal {
+            return Ok(());
+        }
+        let about = (low + high) / 2.0;
         for tried in TRIED {
             let sized = |factor: f64| -> Vec<Vec3> {
                 let points = self.task.points.iter();

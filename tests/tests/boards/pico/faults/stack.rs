@@ -51,6 +51,11 @@ fn on_the_brink() -> Option<(PicoRig, Client)> {
     assert_eq!(host.status().unwrap().reset, ResetReason::PowerOn);
     assert!(host.laser(true).unwrap());
     until("the laser", || rig.laser_is_on());
+    // What a new job is kept by, in two sectors, is written first: that needs more stack.
+    let begun = rig.time();
+    until("the writing", || {
+        rig.time() > begun + Duration::from_secs(2)
+    });
     until("a moment of rest", || rig.emulator().sink_stack(LEFT_BYTES));
     // The captures' interrupts have room enough.
     let begun = rig.time();

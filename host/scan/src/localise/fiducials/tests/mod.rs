@@ -412,6 +412,41 @@ fn balls_of_another_radius_are_ng_by_their_names() {
     }
 }
 
+/// One ball of six that is 2 % smaller or larger than its file says has no point where its surface should be: it is NG by its
+/// name, and not merely not seen. One that is not there is not seen.
+#[test]
+fn one_ball_of_another_radius_is_named_where_the_others_hold_the_pose() {
+    let mut all = balls();
+    all.extend([
+        ball("S5", [60.0, 200.0, 30.0]),
+        ball("S6", [-80.0, 60.0, 90.0]),
+    ]);
+    let mut random = Random(57);
+    let scanner = random.pose();
+    for times in [0.98, 1.0, 1.02] {
+        let mut bodies = all.clone();
+        bodies[2].shape = FiducialShape::Ball {
+            radius_mm: 12.7 * times,
+        };
+        let points = scan(&bodies, &scanner, &mut random);
+        let reasons = task(&all, &points).find().unwrap().located.reasons;
+        let told: Vec<&str> = reasons.iter().map(|r| r.code).collect();
+        let expected: &[&str] = if times == 1.0 { &[] } else { &["wrong_radius"] };
+        assert_eq!(told, expected, "{times}: {reasons:?}");
+        assert!(
+            reasons.iter().all(|r| r.message.starts_with("S3 has")),
+            "{reasons:?}"
+        );
+    }
+    let mut bodies = all.clone();
+    bodies.remove(2);
+    let found = task(&all, &scan(&bodies, &scanner, &mut random))
+        .find()
+        .unwrap();
+    assert_eq!(found.located.reasons, []);
+    assert!(found.fiducials[2].motion.is_none());
+}
+
 /// Of four balls one that has moved out of the plane of the others is told with how far that is, and no more: two balls that
 /// are left over turn freely, and say nothing of the others.
 #[test]

@@ -69,6 +69,11 @@ pub(super) struct Pull<'a> {
 impl Pull<'_> {
     pub fn run(&self, board: &mut Client) -> Result<VerifiedFile, Failure> {
         let path = self.file;
+        // What takes its place when it is complete would take that of a device, too.
+        if path.metadata().is_ok_and(|found| !found.is_file()) {
+            let message = format_args!("{} is no file: give another name", path.display());
+            return Err(Failure::trouble("file", message));
+        }
         // Under its own name only when it is complete.
         let part = part_of(path);
         let failed = |error| Failure::file("write", &part, &error);
