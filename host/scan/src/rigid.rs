@@ -6,7 +6,7 @@ pub use umi_kinematics::Pose;
 /// A place or a direction in space; places in mm.
 pub type Vec3 = Vector3<f64>;
 
-/// Nothing of a scan lies farther out, in mm: what is summed of its squares would be lost.
+/// Nothing of a scan lies farther out, in mm: it would be another unit, or none, and what is summed of its squares be lost.
 pub const FARTHEST_MM: f64 = 1e9;
 
 /// Whether a place is one that can be reckoned with.

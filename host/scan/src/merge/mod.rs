@@ -22,6 +22,7 @@ use crate::format::points::PointSink;
 use crate::format::profiles::{self, Depth};
 use crate::format::triggers::{TriggerLatch, Triggers};
 use crate::pair::{PairOptions, ScanPairing, pair};
+use crate::rigid::FARTHEST_MM;
 use moment::{between, counts_at};
 use mount::MountShare;
 pub use mount::MountUncertainty;
@@ -105,8 +106,6 @@ impl Bounds {
     }
 }
 
-/// What lies farther out than 1000 km is another unit, or none.
-const FARTHEST_MM: f64 = 1e9;
 /// What is longer than ten seconds is another unit.
 const LONGEST_LATENCY_US: f64 = 1e7;
 

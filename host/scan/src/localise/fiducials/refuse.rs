@@ -238,7 +238,7 @@ fn judged(
     }
     alone(sought, tried)?;
     let found = only_one(sought, tried)?;
-    told_twice(sought, best)?;
+    hangs_on_no_side(sought, best)?;
     Ok(found)
 }
 
@@ -249,7 +249,7 @@ fn shows_more(t: &Tried, than: &Tried) -> bool {
 
 /// Refuses where several bodies hold the pose together and it hangs on one side of one that need not be this side: a wall's
 /// other face looks the same. It is the side if it meets its neighbour, or if the others say that it lies there.
-fn told_twice(sought: &Sought<'_>, best: &Tried) -> Result<(), ScanError> {
+fn hangs_on_no_side(sought: &Sought<'_>, best: &Tried) -> Result<(), ScanError> {
     if best.seen.own.len() < 2 {
         return Ok(());
     }

@@ -90,6 +90,8 @@ With --read, what the control gets after each program is the board's correction,
 an OK verdict, a program under the same number that raises an alarm. Exit status 2: an alarm, a
 verdict NG, or none for what was probed; verdicts of a board on a port, and of one that others
 watch (--usb), are not seen (ask it with umi info).
+The control begins with run 1 each time. A board that stays on refuses runs that it has judged
+(old_run): say where the count stands by --set 531=N (4531 on LinuxCNC); the verdict names it.
 
 Examples:
   umi machine run probe.nc --scene scene.toml --load hw/control/fanuc/*.nc

@@ -16,8 +16,9 @@ pub(crate) struct Convert {
 const HELP: &str = "\
 Points go through one by one: the memory does not grow with the cloud. Points that are
 no finite numbers are left out and counted. E57 has metres, because its standard says so;
-all others have mm, but for tables whose columns name a unit (X [inch], y_m): that is followed. LAS and LAZ state no unit, and most programs take metres there: this one says so
-when it writes them. They hold steps of 0.1 µm, and of the columns beside the coordinates time, intensity
+all others have mm, but for tables whose columns name a unit (X [inch], y_m): that is followed.
+LAS and LAZ state no unit, and most programs take metres there: this one says so when it writes
+them. They hold steps of 0.1 µm, and of the columns beside the coordinates time, intensity
 and the mark of interpolated points (their synthetic flag). E57 holds all columns but the uncertainty by
 the mount (`mount_u_mm`) and that mark (`interpolated`). A file appears only when it is complete.
 

@@ -148,8 +148,8 @@ one_fiducial (one corner alone holds the pose), no_fit of a stated problem that 
 the scan; the pose is printed) or
 refused: ambiguous, degenerate, too_little_overlap, no_fit, mirrored, wrong_scale,
 no_fiducial, fiducials_disagree, scans_disagree (is moved right?), too_few_points,
-too_many_points (--kernel and --memory-mb), empty_model, not_finite (or beyond 1e9 mm); 1 a file (bad_file,
-too_large) or usage.";
+too_many_points (--kernel and --memory-mb), empty_model, not_finite (or beyond 1e9 mm);
+1 a file (bad_file, too_large) or usage.";
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Unit {
