@@ -231,6 +231,40 @@ fn missed(scans: u64) -> (Vec<f64>, usize) {
     (missed, large)
 }
 
+/// A ring with a bore of 40 flat sides, each of 0.3 % of the surface: the bore has 12 % of it.
+fn ring() -> Mesh {
+    let at = |radius: f64, k: usize, z: f64| {
+        let (s, c) = (std::f64::consts::TAU * k as f64 / 40.0).sin_cos();
+        Vec3::new(radius * c, radius * s, z)
+    };
+    let (outer, inner, height) = (20.0, 6.0, 15.0);
+    let mut all = Vec::new();
+    for k in 0..40 {
+        let mut quad = |a: Vec3, b: Vec3, c: Vec3, d: Vec3| all.extend([[a, b, c], [a, c, d]]);
+        let next = k + 1;
+        let [a, b, c, d] = [(k, 0.0), (next, 0.0), (next, height), (k, height)]
+            .map(|(k, z)| (at(outer, k, z), at(inner, k, z)));
+        quad(a.0, b.0, c.0, d.0);
+        quad(b.1, a.1, d.1, c.1);
+        quad(d.0, c.0, c.1, d.1);
+        quad(b.0, a.0, a.1, b.1);
+    }
+    Mesh::new(&all).unwrap()
+}
+
+#[test]
+fn a_bore_that_no_point_shows_is_told_and_one_that_few_show_is_not() {
+    let random = &mut Random(7);
+    let mesh = ring();
+    let all = places(&mesh, 6000, &Density::Even, random);
+    for (keep, expected) in [(0.0, 0.119), (0.3, 0.0), (1.0, 0.0)] {
+        let mut scanned = all.clone();
+        scanned.retain(|(p, _)| p.xy().norm() > 6.1 || random.next() < keep);
+        let share = told(&mesh, &scanned, random);
+        assert!((share - expected).abs() < 0.01, "{keep}: {share}");
+    }
+}
+
 #[test]
 fn a_hole_in_a_face_is_told_and_a_sparse_side_is_not() {
     assert_eq!(wrongly(30), 0);

@@ -113,21 +113,27 @@ impl Sampled {
         let size = (GIVEN * SAMPLES).div_ceil(shown.max(1)).max(LEAST);
         let every = (size / ASKED).max(1);
         let asked = self.samples.len().div_ceil(every);
-        let found = threads.each(asked, |k| {
-            let window = self.window(k * every, size);
+        let is_bare = |window: &Vec<u32>| {
             let own: usize = window.iter().map(|&i| counts[i as usize]).sum();
             let share = window.len() as f64 / self.samples.len() as f64;
-            (window.len() >= LEAST && is_bare(own, share)).then_some(window)
+            window.len() >= LEAST && is_bare(own, share)
+        };
+        let found = threads.each(asked, |k| {
+            let one_way = self.window(k * every, size, true);
+            // What looks one way of a bore is little: the whole of it is asked as well.
+            let round = (one_way.len() < size).then(|| self.window(k * every, size, false));
+            [Some(one_way).filter(is_bare), round.filter(is_bare)]
         });
         let mut bare = vec![false; self.samples.len()];
-        for i in found.into_iter().flatten().flatten() {
+        for i in found.into_iter().flatten().flatten().flatten() {
             bare[i as usize] = true;
         }
         bare
     }
 
-    /// The `size` samples nearest to one, of its own face and its own direction; all that there are where they are fewer.
-    fn window(&self, centre: usize, size: usize) -> Vec<u32> {
+    /// The `size` samples nearest to one, of its own face and, if so told, its own direction; all that there are where they
+    /// are fewer.
+    fn window(&self, centre: usize, size: usize, one_way: bool) -> Vec<u32> {
         let here = self.samples[centre];
         let mut known = vec![false; self.samples.len()];
         let mut front = BinaryHeap::from([Reverse((0_u64, centre as u32))]);
@@ -140,7 +146,8 @@ impl Sampled {
             }
             for &next in &self.beside[at as usize] {
                 let other = self.samples[next as usize];
-                if !known[next as usize] && other.normal.dot(&here.normal) >= self.least {
+                let is_asked = !one_way || other.normal.dot(&here.normal) >= self.least;
+                if !known[next as usize] && is_asked {
                     known[next as usize] = true;
                     // What is not negative is in the order of its bits.
                     let far = (other.at - here.at).norm_squared().to_bits();
