@@ -8,7 +8,7 @@ use super::super::uncertainty::{Group, Groups, certainty, turning};
 use super::super::verdict::symmetry;
 use super::super::{Chosen, Located, degenerate, verdict_reasons};
 use super::adjust::Seen;
-use super::balls::{RadiusSeen, other_radius, radius_seen};
+use super::balls::radius::{self, other_radius, radius_seen};
 use super::own::{self, Own};
 use super::refuse::disagree;
 use super::{
@@ -342,6 +342,27 @@ pub(super) fn finish(
         // What neighbours share is in the covariance already.
         sure = sure.differing(agreement.ratio);
     }
+    let mut of_ball: Vec<Vec<Vec3>> = vec![Vec::new(); task.fiducials.len()];
+    for &i in &on {
+        of_ball[of[i]].push(points[i]);
+    }
+    let radii = task.fiducials.iter().enumerate().map(|(k, f)| {
+        let FiducialShape::Ball { radius_mm } = f.shape else {
+            return None;
+        };
+        let centre = machine.point(&f.pose.translation_mm);
+        if standing[k] {
+            radius_seen(&of_ball[k], &centre, radius_mm)
+        } else {
+            other_radius(points, &centre, radius_mm, sigma)
+        }
+    });
+    let radii: Vec<_> = radii.collect();
+    let on_bodies: Vec<_> = on
+        .iter()
+        .map(|&i| (points[i], measured[i], of[i]))
+        .collect();
+    sure.cov += radius::doubt(task.fiducials, &radii, &on_bodies, &motion);
     sure = sure.before(&motion, &from_origin).inverted(&machine);
     let motion_of_scanner = machine.inverse();
     let squares: f64 = on.iter().map(|&i| measured[i].distance_mm.powi(2)).sum();
@@ -379,23 +400,9 @@ pub(super) fn finish(
         all: &groups,
         of: &of,
     };
-    let mut of_ball: Vec<Vec<Vec3>> = vec![Vec::new(); task.fiducials.len()];
-    for &i in on.iter().filter(|&&i| standing[of[i]]) {
-        of_ball[of[i]].push(points[i]);
-    }
-    let sizes = task.fiducials.iter().enumerate().filter_map(|(k, f)| {
-        let FiducialShape::Ball { radius_mm } = f.shape else {
-            return None;
-        };
-        let centre = machine.point(&f.pose.translation_mm);
-        let seen = if standing[k] {
-            radius_seen(&of_ball[k], &centre, radius_mm)
-        } else {
-            other_radius(points, &centre, radius_mm, sigma)
-        };
-        size(f, radius_mm, &seen?)
-    });
-    located.reasons.extend(sizes);
+    located
+        .reasons
+        .extend(radius::wrong(task.fiducials, &radii));
     let fiducials = seen(task, &machine, &on, &measured, groups, &standing, sigma);
     let mut on_fiducials = vec![false; points.len()];
     for i in on {
@@ -420,26 +427,6 @@ const REACH: f64 = 0.06;
 
 /// A surface is seen where so many times as many points lie on it as a little off it.
 const BESIDE: usize = 3;
-
-/// A radius is off if it is by so many times its uncertainty and, beyond that, by so many times the noise:
-/// points of one ball share errors, and some of its post are among them.
-const SURELY: f64 = 4.0;
-const ROUGH: f64 = 1.0;
-
-/// What makes a ball NG: another radius than its file says. A ball seen from one side puts its centre off by as much and more.
-fn size(fiducial: &Fiducial, radius_mm: f64, seen: &RadiusSeen) -> Option<ScanError> {
-    let off = seen.radius_mm - radius_mm;
-    (off.abs() > SURELY * seen.u_mm + ROUGH * seen.noise_mm).then(|| {
-        ScanError::refused(
-            "wrong_radius",
-            format_args!(
-                "{} has a radius of {:.3} mm in the scan, and {radius_mm} mm in its file ({off:+.3} mm): is the file right, \
-                 and does spray lie on the ball?",
-                fiducial.name, seen.radius_mm
-            ),
-        )
-    })
-}
 
 /// What of the fiducials' surface the points show.
 fn shown(

@@ -319,7 +319,7 @@ pub(super) fn turning(rotation: &Matrix3<f64>) -> Matrix6<f64> {
 }
 
 /// From turns in units of the arm about the middle of the points, to turns in rad with the translation at the source's origin.
-fn at_origin(arm: f64, about: &Vec3, motion: &Pose) -> Matrix6<f64> {
+pub(super) fn at_origin(arm: f64, about: &Vec3, motion: &Pose) -> Matrix6<f64> {
     let mut carry = Matrix6::identity();
     for i in 0..3 {
         carry[(i, i)] = 1.0 / arm;

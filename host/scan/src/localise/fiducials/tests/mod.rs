@@ -412,6 +412,32 @@ fn balls_of_another_radius_are_ng_by_their_names() {
     }
 }
 
+/// Spray on all balls that is too thin to be told from the noise: it shifts all centres along the line of sight, and the
+/// stated doubt holds that.
+#[test]
+fn a_radius_that_is_not_surely_off_is_in_the_doubt() {
+    let mut random = Random(58);
+    for spray in [0.01, 0.02, 0.03] {
+        let scanner = random.pose();
+        let mut bodies = balls();
+        for body in &mut bodies {
+            body.shape = FiducialShape::Ball {
+                radius_mm: 12.7 + spray,
+            };
+        }
+        let mut points = scan(&bodies, &scanner, &mut random);
+        points.retain(|_| random.next() < 0.5);
+        let located = task(&balls(), &points).find().unwrap().located;
+        let truth = scanner.inverse();
+        let turn = rotation_vector(&(truth.rotation * located.motion.rotation.transpose()));
+        let shift = truth.translation_mm - located.motion.translation_mm;
+        let off = Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z);
+        let square = off.dot(&(located.certainty.cov.try_inverse().unwrap() * off));
+        // Once in 300 of χ² with six degrees of freedom.
+        assert!(square < 20.0, "{spray}: {square}");
+    }
+}
+
 /// One ball of six that is 2 % smaller or larger than its file says has no point where its surface should be: it is NG by its
 /// name, and not merely not seen. One that is not there is not seen.
 #[test]
