@@ -18,8 +18,10 @@ const POSES: usize = 4;
 const POINTS: usize = 3000;
 /// A scan that is so many times as large as the part shows other things, among which each search would take its time.
 const LARGER: f64 = 1.35;
-/// It must explain so many times as many points as anything else does.
+/// It must explain so many times as many points as anything else does, and this share of all: a foreign part has a size, too,
+/// by which some of its faces lie on the part's.
 const MORE: f64 = 1.2;
+const MOST: f64 = 0.7;
 
 impl Judge<'_> {
     /// Refuses if the scan fits at another size, and there by far more points than the `known` ones.
@@ -53,7 +55,7 @@ impl Judge<'_> {
                 };
                 let sigma = fit.sigma_mm.max(scene.noise_mm);
                 let on = explained(self.part(), &scene.fine, &fit.motion, sigma, threads);
-                if count(&on) as f64 > MORE * known as f64
+                if count(&on) as f64 > (MORE * known as f64).max(MOST * on.len() as f64)
                     && matches!(self.worth(&scene, &fit), Worth::Good)
                     && self.holds_size(&scene, &fit)
                     && self.stands(&scene, &fit).is_ok()
