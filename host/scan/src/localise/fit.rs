@@ -14,6 +14,8 @@ use crate::surface::CompositeSurface;
 pub(super) const TUKEY: f64 = 4.685;
 /// A point within this many times the noise is on the part.
 pub(super) const INLIER: f64 = 4.0;
+/// A pose of the part on itself is right to this many times the noise.
+pub(super) const CLOSE: f64 = 10.0;
 
 /// A fit ends at a step below this share of Tukey's limit.
 pub(super) const ENOUGH: f64 = 2e-5;

@@ -139,8 +139,11 @@ impl LocaliseTask<'_> {
                 ..located
             });
         }
-        let cell_mm = found.cell_mm;
+        let (cell_mm, aside) = (found.cell_mm, found.aside.clone());
         let mut located = self.finish(&surface, found)?;
+        if let Some(aside) = aside.filter(|_| !located.certainty.is_off_size()) {
+            return Err(aside);
+        }
         located.chosen.search_mm = Some(cell_mm);
         located.chosen.normals_mm = Some(scene::NORMALS * cell_mm);
         Ok(located)

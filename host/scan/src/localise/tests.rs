@@ -523,6 +523,40 @@ fn a_size_that_takes_other_points_for_those_of_the_part_is_none() {
     }
 }
 
+/// A bar whose end has a step. Of what was scanned the top stands 1 mm off, so that half of the points lie on the bar and
+/// the rest beside it; turned by half a turn nearly as many do.
+#[test]
+fn a_top_that_stands_off_hides_no_better_pose() {
+    let bar = |top: f64| {
+        let outline = [
+            [0.0, 0.0],
+            [100.0, 0.0],
+            [100.0, 20.0 + top],
+            [12.0, 20.0 + top],
+            [12.0, 17.0 + top],
+            [0.0, 17.0 + top],
+        ];
+        prism(&outline, &[[0, 1, 4, 5], [1, 2, 3, 4]], 37.0, [0.0, 0.0])
+    };
+    let (model, scanned) = (bar(0.0), bar(1.0));
+    let mut random = Random(63);
+    for _ in 0..4 {
+        let pose = random.pose();
+        let points = scan(&scanned, 4000, 0.005, &pose, &mut random, |_| true);
+        let turned = pose.after(&Pose {
+            rotation: rotation(&Vec3::new(0.0, std::f64::consts::PI, 0.0)),
+            translation_mm: Vec3::new(100.0, 0.0, 37.0),
+        });
+        let mut of_bar = task(&model, &points);
+        of_bar.start = Some(turned);
+        // The turned pose is wrong; on its bottom or on its top, who knows?
+        let error = of_bar.find().unwrap_err();
+        assert!(["no_fit", "ambiguous"].contains(&error.code), "{error:?}");
+        let error = task(&model, &points).find().unwrap_err();
+        assert_eq!(error.code, "ambiguous", "{error:?}");
+    }
+}
+
 /// A face that is worn by 0.3 mm all over, of a part of 120 mm: what is said of it, by how much of the part is seen.
 #[test]
 #[ignore = "figures of tests/bench/LOCALISE.md"]

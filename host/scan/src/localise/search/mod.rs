@@ -6,3 +6,4 @@ pub(super) mod oriented;
 pub(super) mod pairs;
 pub(super) mod rough;
 pub(super) mod scene;
+pub(super) mod walls;

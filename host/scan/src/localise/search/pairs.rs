@@ -8,6 +8,7 @@ use nalgebra::Matrix3;
 
 use crate::localise::search::oriented::{Oriented, sample};
 use crate::localise::search::rough::{Points, Rough};
+use crate::localise::search::walls::shifts;
 use crate::parallel::Threads;
 use crate::rigid::{Pose, Vec3};
 use crate::surface::Mesh;
@@ -33,6 +34,8 @@ pub(in crate::localise) struct Prepared {
     pub corners: [Vec3; 8],
     /// Of each triangle the flat side that it is of: triangles in one plane are of one.
     pub sides: Vec<u32>,
+    /// By how much a fit may lie beside its place where walls and steps are thin, in the model's frame.
+    pub shifts: Vec<Vec3>,
     /// Whether there is an inside in which no point can be.
     pub closed: bool,
     /// Where the pairs of each feature begin, and the pairs.
@@ -198,9 +201,11 @@ impl Prepared {
             .iter()
             .map(|t| (t.normal, t.normal.dot(&t.corners[0])))
             .collect();
+        let sides = sides(&planes, diagonal);
         Self {
             corners: mesh.corners(),
-            sides: sides(&planes, diagonal),
+            shifts: shifts(mesh, &sides, diagonal),
+            sides,
             rough: Rough::new(mesh, &planes, threads),
             samples,
             diagonal,

@@ -44,6 +44,7 @@ impl Judge<'_> {
                         symmetries: Vec::new(),
                         all: fits.iter().map(|fit| fit.motion).collect(),
                         cell_mm: scene.cell_mm,
+                        aside: None,
                     });
                 }
                 Rivals::Equal(axes, equal) => {
@@ -76,13 +77,6 @@ impl Judge<'_> {
             threads,
         );
         let sure = white(&scene.fine, &measured, &held, &best.motion, sigma);
-        if let Some(axis) = self.only_side(scene, &best.motion, sigma) {
-            return Err(degenerate(&sliding(&axis), &sure.about_mm, "part"));
-        }
-        if !sure.free.is_empty() {
-            let (axis, alike) = self.free(scene, best, &explained_own, sigma, &sure)?;
-            return Ok(Rivals::Equal(vec![axis], alike));
-        }
         let thinned = scene.at();
         let here = self.explained(scene, &thinned, best);
         let held_fine = Explained {
@@ -92,27 +86,38 @@ impl Judge<'_> {
         let own_passed = self.passed(scene, &best.motion);
         let mut tried = vec![best.motion];
         let mut equal: Vec<Pose> = Vec::new();
+        // Poses that are nearer to each other are one.
+        let (same, beside) = (0.02 * self.prepared.diagonal, fit::CLOSE * sigma);
         // Some if it is better.
-        let mut try_one = |motion: &Pose, equal: &mut Vec<Pose>| -> Option<Fit> {
-            let is_known = |tried: &[Pose], motion: &Pose| {
+        let mut try_one = |motion: &Pose, same: f64, equal: &mut Vec<Pose>| -> Option<Fit> {
+            let is_known = |tried: &[Pose], equal: &[Pose], motion: &Pose| {
                 let apart = |t: &Pose| t.apart_mm(motion, &self.prepared.corners);
-                tried
-                    .iter()
-                    .any(|t| apart(t) < 0.02 * self.prepared.diagonal)
+                tried.iter().chain(equal).any(|t| apart(t) < same)
             };
-            if is_known(&tried, motion) {
+            if is_known(&tried, equal, motion) {
                 return None;
             }
             // Most turns of a part are far from fitting: seen without refining all points.
-            let rough = self.tried(scene, &thinned, motion, 0.03, &here)?;
-            if is_known(&tried, &rough) || self.is_clearly_less(&scene.fine, &rough, &held_fine) {
-                return None;
+            let wide = (same > beside)
+                .then(|| self.tried(scene, &thinned, motion, 0.03, &here))
+                .flatten();
+            let wide = wide.filter(|rough| {
+                !is_known(&tried, equal, rough)
+                    && !self.is_clearly_less(&scene.fine, rough, &held_fine)
+            });
+            let wide = wide.and_then(|rough| self.refine(scene, &rough));
+            // Where a face of what was scanned stands off, so wide a reach ends between that face and the others.
+            let close = (!self.is_clearly_less(&thinned, motion, &here))
+                .then(|| self.refine_within(scene, motion, beside));
+            let fit = [wide, close.flatten()]
+                .into_iter()
+                .flatten()
+                .filter(|fit| !is_known(&tried, equal, &fit.motion))
+                .max_by_key(|fit| fit.inliers)?;
+            // What is beside the best one says nothing of what is farther.
+            if same > beside {
+                tried.push(fit.motion);
             }
-            let fit = self.refine(scene, &rough)?;
-            if is_known(&tried, &fit.motion) {
-                return None;
-            }
-            tried.push(fit.motion);
             let other = off(self.part(), &scene.fine, &fit.motion, sigma, threads);
             let turn = best.motion.inverse().after(&fit.motion);
             let samples = &self.prepared.samples;
@@ -127,10 +132,24 @@ impl Judge<'_> {
                 Ordering::Less => Some(fit),
             }
         };
+        // On the other side of a thin wall: first, as a fit there may seem to be free.
+        for shift in &self.prepared.shifts {
+            let motion = best.motion.after(&Pose::shift_mm(*shift));
+            if let Some(better) = try_one(&motion, beside, &mut equal) {
+                return Ok(Rivals::Better(better));
+            }
+        }
+        if let Some(axis) = self.only_side(scene, &best.motion, sigma) {
+            return Err(degenerate(&sliding(&axis), &sure.about_mm, "part"));
+        }
+        if !sure.free.is_empty() {
+            let (axis, alike) = self.free(scene, best, &held_fine.points, sigma, &sure)?;
+            return Ok(Rivals::Equal(vec![axis], alike));
+        }
         let others = fits.iter().map(|fit| fit.motion);
         let turned = self.turns().into_iter().map(|own| best.motion.after(&own));
         for motion in others.chain(turned) {
-            if let Some(better) = try_one(&motion, &mut equal) {
+            if let Some(better) = try_one(&motion, same, &mut equal) {
                 return Ok(Rivals::Better(better));
             }
         }
@@ -140,7 +159,7 @@ impl Judge<'_> {
             for (a, b) in known.iter().flat_map(|a| known.iter().map(move |b| (a, b))) {
                 if equal.len() < 24 {
                     let turn = best.motion.inverse().after(a);
-                    if let Some(better) = try_one(&b.after(&turn), &mut equal) {
+                    if let Some(better) = try_one(&b.after(&turn), same, &mut equal) {
                         return Ok(Rivals::Better(better));
                     }
                 }
@@ -262,6 +281,7 @@ impl Judge<'_> {
                 symmetries: axes,
                 all: Vec::new(),
                 cell_mm: scene.cell_mm,
+                aside: None,
             });
         }
         let poses: Vec<Pose> = std::iter::once(&best.motion)
@@ -278,5 +298,44 @@ impl Judge<'_> {
                 "scan what tells them apart, or say --accept-symmetry if any of them will do"
             },
         ))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::localise::tests::{Random, prism, scan, task};
+    use crate::surface::CompositeSurface;
+
+    /// A bent sheet, seen from outside: on the inner sides of its legs lie nearly as many points.
+    #[test]
+    fn a_fit_one_thickness_beside_its_place_finds_it() {
+        let outline = [
+            [0.0, 0.0],
+            [60.0, 0.0],
+            [60.0, 1.0],
+            [1.0, 1.0],
+            [1.0, 40.0],
+            [0.0, 40.0],
+        ];
+        let sheet = prism(&outline, &[[0, 1, 2, 3], [0, 3, 4, 5]], 30.0, [0.0, 0.0]);
+        let mut random = Random(32);
+        for by in [[-1.0, 0.0], [0.0, -1.0], [-1.0, -1.0]] {
+            let truth = random.pose();
+            let eye = Vec3::new(-0.6, -0.5, 0.6);
+            let points = scan(&sheet, 4000, 0.01, &truth, &mut random, |n| {
+                n.dot(&eye) > 0.1
+            });
+            let task = task(&sheet, &points);
+            let surface = CompositeSurface::from(sheet.clone());
+            let judge = Judge::new(&task, &surface);
+            let scene = Scene::new(&sheet, &points, task.threads);
+            let shift = Pose::shift_mm(Vec3::new(by[0], by[1], 0.0));
+            let mut beside = judge.refine(&scene, &truth).unwrap();
+            beside.motion = truth.after(&shift);
+            let found = judge.only_one(&scene, &[beside]).unwrap();
+            let off = found.fit.motion.apart_mm(&truth, &sheet.corners());
+            assert!(off < 0.02, "{by:?}: {off} mm off");
+        }
     }
 }

@@ -3,6 +3,7 @@
 mod account;
 pub(super) mod again;
 mod alone;
+mod aside;
 pub(super) mod each;
 pub(super) mod flat;
 pub(super) mod rivals;
@@ -40,6 +41,8 @@ pub(super) struct Decided {
     pub all: Vec<Pose>,
     /// As [`Scene::cell_mm`] of the scan.
     pub cell_mm: f64,
+    /// The refusal of a part that lies as well on a face that stands off, where that is not by its size.
+    pub aside: Option<ScanError>,
 }
 
 #[cfg(test)]
@@ -51,6 +54,7 @@ impl Decided {
             symmetries: Vec::new(),
             all: Vec::new(),
             cell_mm: 0.0,
+            aside: None,
         }
     }
 }
@@ -244,7 +248,7 @@ impl<'a> Judge<'a> {
         }
         let decided = decided?;
         self.only_body(scene, &decided.fit)?;
-        Ok(decided)
+        Ok(self.with_aside(scene, decided))
     }
 
     /// The fit that a start led to, if it stands as what the search finds must: the start may be right to within a few
@@ -307,7 +311,7 @@ impl<'a> Judge<'a> {
             return Err(elsewhere(&missed));
         }
         self.stands(scene, here)?;
-        decided
+        decided.map(|decided| self.with_aside(scene, decided))
     }
 
     /// The best distinct fits of the part in a scene, best first; those that explain clearly less than the best, or than
@@ -515,8 +519,13 @@ impl<'a> Judge<'a> {
     }
 
     pub(super) fn refine(&self, scene: &Scene, motion: &Pose) -> Option<Fit> {
+        let reach = self.prepared.diagonal * 0.01 + 4.0 * scene.noise_mm;
+        self.refine_within(scene, motion, reach)
+    }
+
+    /// From a pose that is right to about `reach` mm.
+    fn refine_within(&self, scene: &Scene, motion: &Pose, reach: f64) -> Option<Fit> {
         let diagonal = self.prepared.diagonal;
-        let reach = diagonal * 0.01 + 4.0 * scene.noise_mm;
         // Enough to tell poses apart; what is printed uses all points. A cell of the field is as rough as that.
         let share = 3.0 * reach / diagonal + ROUGH;
         let few = self.around(&scene.fine, motion, COMPARED, share);
