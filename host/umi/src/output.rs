@@ -3,7 +3,7 @@
 //! A file that is there is replaced with `--force` only. What the command reads is never
 //! replaced, by whatever name or link it is meant. A device or a pipe is no such file.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 
@@ -52,6 +52,32 @@ impl Force {
                     output.display()
                 ),
             ));
+        }
+        Ok(())
+    }
+
+    /// The same of several outputs, of which each has a name of its own.
+    ///
+    /// # Errors
+    /// `file`: one is there, is read, or is another one, too.
+    pub fn check_each<'a>(
+        self,
+        outputs: impl IntoIterator<Item = &'a PathBuf>,
+        inputs: &[&Path],
+    ) -> Result<(), Failure> {
+        let mut known: Vec<&Path> = Vec::new();
+        for output in outputs {
+            if known.contains(&output.as_path()) {
+                return Err(Failure::trouble(
+                    "file",
+                    format_args!(
+                        "{} is to hold two things: give each a name of its own",
+                        output.display()
+                    ),
+                ));
+            }
+            self.check(output, inputs)?;
+            known.push(output);
         }
         Ok(())
     }

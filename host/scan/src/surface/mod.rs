@@ -21,5 +21,6 @@ pub use ray::{RayHit, StandingBox};
 pub use shapes::{BallShape, CompositeSurface, Cone};
 pub(crate) use stl::{begins_as_text, is_stl};
 pub use stl::{read_stl, stl_from_bytes};
+pub(crate) use stl::{stl_triangles, whole_file};
 pub use triangle::Triangle;
 pub(crate) use triangle::bounds;

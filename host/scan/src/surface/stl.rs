@@ -18,11 +18,23 @@ pub fn read_stl(path: &Path) -> Result<Mesh, ScanError> {
     let named = |message: &str| {
         ScanError::unreadable("bad_file", format_args!("{}: {message}", path.display()))
     };
-    let bytes = std::fs::read(path).map_err(|error| named(&format!("cannot be read: {error}")))?;
+    let bytes = whole_file(path).map_err(|error| named(&format!("cannot be read: {error}")))?;
     stl_from_bytes(&bytes).map_err(|refusal| ScanError {
         message: format!("{}: {}", path.display(), refusal.message),
         ..refusal
     })
+}
+
+/// All bytes of a file. A device never ends, so it is none.
+pub(crate) fn whole_file(path: &Path) -> std::io::Result<Vec<u8>> {
+    let mut file = std::fs::File::open(path)?;
+    #[cfg(unix)]
+    if std::os::unix::fs::FileTypeExt::is_char_device(&file.metadata()?.file_type()) {
+        return Err(std::io::Error::other("it is a device, and no file"));
+    }
+    let mut bytes = Vec::new();
+    std::io::Read::read_to_end(&mut file, &mut bytes)?;
+    Ok(bytes)
 }
 
 /// Whether a file that begins so and has so many bytes is an STL file, whole or cut: its size is what its header states,
@@ -69,6 +81,14 @@ fn is_binary(begin: &[u8], bytes: u64) -> bool {
 /// # Errors
 /// As [`read_stl`].
 pub fn stl_from_bytes(bytes: &[u8]) -> Result<Mesh, ScanError> {
+    outward(Mesh::new(&stl_triangles(bytes)?)?)
+}
+
+/// The corners of all triangles in the bytes of an STL file, whatever they are.
+///
+/// # Errors
+/// `bad_file` as [`read_stl`].
+pub(crate) fn stl_triangles(bytes: &[u8]) -> Result<Vec<[Vec3; 3]>, ScanError> {
     let stated = bytes
         .get(80..HEADER)
         .and_then(|b| b.try_into().ok())
@@ -76,30 +96,29 @@ pub fn stl_from_bytes(bytes: &[u8]) -> Result<Mesh, ScanError> {
     let there = bytes.len().saturating_sub(HEADER) / RECORD;
     // No text has a byte of 0, and no binary file is without.
     let is_text = begins_as_text(bytes) && !bytes.contains(&0);
-    let corners = if is_binary(bytes, bytes.len() as u64) {
-        binary(&bytes[HEADER..])
+    if is_binary(bytes, bytes.len() as u64) {
+        Ok(binary(&bytes[HEADER..]))
     } else if is_text {
-        text(after_mark(bytes))?
+        text(after_mark(bytes))
     } else if bytes.starts_with(b"ply") {
-        return Err(ScanError::unreadable(
+        Err(ScanError::unreadable(
             "bad_file",
-            "it is a PLY file: a part is read from STL; a scan comes first, the part after --part",
-        ));
+            "it is a PLY file, and a part is read from STL: were scan and part exchanged?",
+        ))
     } else if let Some(stated) = stated {
-        return Err(ScanError::unreadable(
+        Err(ScanError::unreadable(
             "bad_file",
             format_args!(
                 "the header states {stated} triangles, but the file's {} bytes hold {there}: it is cut short or no STL file",
                 bytes.len()
             ),
-        ));
+        ))
     } else {
-        return Err(ScanError::unreadable(
+        Err(ScanError::unreadable(
             "bad_file",
             "it is cut short or no STL file: shorter than the header of a binary one",
-        ));
-    };
-    outward(Mesh::new(&corners)?)
+        ))
+    }
 }
 
 fn binary(records: &[u8]) -> Vec<[Vec3; 3]> {

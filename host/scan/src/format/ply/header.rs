@@ -95,6 +95,9 @@ impl Header {
                     let element = elements
                         .last_mut()
                         .ok_or_else(|| wrong("a property of no element"))?;
+                    if element.properties.iter().any(|known| known.name == *name) {
+                        return Err(wrong(&format!("a second property `{name}`")));
+                    }
                     element.properties.push(Property {
                         name: (*name).to_owned(),
                         count,
@@ -136,6 +139,10 @@ mod tests {
             ("ply\nelement vertex -1\n", "no whole number"),
             ("ply\nelement vertex 1\nproperty half x\n", "a type"),
             ("ply\nelement vertex 1\nproperty list int x\n", "line 3"),
+            (
+                "ply\nelement vertex 1\nproperty float x\nproperty float x\n",
+                "a second property `x`",
+            ),
             ("ply\nfor whom\n", "`for whom` is not understood"),
         ] {
             let told = Header::read(&mut text.as_bytes()).unwrap_err();

@@ -71,9 +71,13 @@ pub fn read_fiducials(path: &Path) -> Result<Vec<Fiducial>, ScanError> {
         let pose = pose_of_rows(&rotation, &entry.position_mm).ok_or_else(|| {
             of("rotation is three rows of a rotation that turns and does not mirror, position_mm three numbers")
         })?;
-        let sure = |u: f64| u.is_finite() && u >= 0.0;
-        if !sure(entry.u_position_mm) || !sure(entry.u_rotation_rad) {
-            return Err(of("an uncertainty is a number that is not negative"));
+        // Above that it is no uncertainty of a place, and its square may be no number.
+        if !(0.0..=1e3).contains(&entry.u_position_mm)
+            || !(0.0..=1.0).contains(&entry.u_rotation_rad)
+        {
+            return Err(of(
+                "u_position_mm is a number from 0 to 1000, u_rotation_rad one from 0 to 1",
+            ));
         }
         all.push(Fiducial {
             name: entry.name,

@@ -154,6 +154,7 @@ pub(super) fn wrong_scale(factor: f64, unit: &'static str) -> ScanError {
             match unit {
                 "inches" => "say --unit inch, or export it in mm",
                 "metres" => "say --unit m, or export it in mm",
+                "mm that were taken for inches" => "leave --unit out",
                 _ => "export it in mm",
             }
         ),

@@ -5,6 +5,7 @@ use std::path::Path;
 use super::{las, pcd, ply, table};
 use crate::ScanError;
 use crate::cloud::ScanCloud;
+use crate::surface::{Mesh, stl_triangles, whole_file};
 
 /// The points of a file: PLY, PCD, LAS, LAZ, E57 or STL (the corners of its triangles, each once) by its first bytes, else
 /// numbers in columns (CSV). As they stand there: mm if the file is in mm. An E57 file has metres, which become mm.
@@ -12,7 +13,7 @@ use crate::cloud::ScanCloud;
 /// # Errors
 /// `bad_file` with what is wrong.
 pub fn read_cloud(path: &Path) -> Result<ScanCloud, ScanError> {
-    let bytes = std::fs::read(path).map_err(|error| {
+    let bytes = whole_file(path).map_err(|error| {
         ScanError::unreadable(
             "bad_file",
             format_args!("{}: cannot be read: {error}", path.display()),
@@ -55,9 +56,7 @@ pub fn cloud_from_bytes(bytes: &[u8]) -> Result<ScanCloud, ScanError> {
     } else if pcd::is_pcd(bytes) {
         pcd::read(bytes)
     } else if crate::surface::is_stl(bytes, bytes.len() as u64) {
-        Ok(corners(
-            &crate::surface::stl_from_bytes(bytes).map_err(of_stl)?,
-        ))
+        corners(&stl_triangles(bytes)?).map_err(of_stl)
     } else {
         table::read(bytes)
     }
@@ -90,15 +89,29 @@ fn of_stl(refusal: ScanError) -> ScanError {
     )
 }
 
-/// The corners of triangles, each once, in their order.
-fn corners(mesh: &crate::surface::Mesh) -> ScanCloud {
+/// The corners of triangles, each once, in their order; behind them those that are not finite, which whoever takes the points
+/// drops and counts.
+fn corners(triangles: &[[crate::rigid::Vec3; 3]]) -> Result<ScanCloud, ScanError> {
+    let is_finite = |t: &&[crate::rigid::Vec3; 3]| t.iter().flatten().all(|x| x.is_finite());
+    let finite: Vec<_> = triangles.iter().filter(is_finite).copied().collect();
     let mut known = std::collections::HashSet::new();
     let mut cloud = ScanCloud::default();
-    for corner in mesh.triangles().iter().flat_map(|t| t.corners) {
+    let mesh = Mesh::new(&finite)?;
+    let others = triangles
+        .iter()
+        .filter(|t| !is_finite(t))
+        .flatten()
+        .copied();
+    for corner in mesh
+        .triangles()
+        .iter()
+        .flat_map(|t| t.corners)
+        .chain(others)
+    {
         // Zero has two signs.
         if known.insert([corner.x, corner.y, corner.z].map(|x| (x + 0.0).to_bits())) {
             cloud.push(corner);
         }
     }
-    cloud
+    Ok(cloud)
 }

@@ -121,7 +121,9 @@ apart: scan the opposite faces, too. The scale is estimated and not applied.
 Scan three sides that are not parallel: where the points of two end is no measurement, and
 what nothing else holds is free (degenerate). Crop the scan to one part: a second one of its
 kind makes it ambiguous. Three faces that meet in one corner fit any part with such a corner:
-they are taken where nothing of them is missing, and say nothing of the size.
+they are taken where nothing of them is missing, and say nothing of the size. A plate that
+is too thick lies as well on its top as on its bottom: ambiguous, with how far the face is
+off; crop the scan to the faces that are as the model has them.
 
 Fiducials are balls, cones (apex at the origin, opening to -Z) and reference surfaces of
 any shape; where they stand, and how sure, is in their file:
@@ -135,7 +137,9 @@ any shape; where they stand, and how sure, is in their file:
   u_position_mm = 0.005          # standard uncertainties; 0 without
   u_rotation_rad = 0.0001
 Take four balls or more, not in one plane: of three, one that has moved out of their
-plane is not seen.
+plane is not seen. Scan three sides of each corner: along the edge between two of them a
+corner that has moved is not seen either, and u_position_mm alone says how far it may have.
+What the balls' radii seem to be off by is in the uncertainty; spray makes them larger.
 
 Scans of a part that the machine had turned in between:
   [[scan]]
@@ -203,9 +207,8 @@ impl Localise {
                 "--scan-in is for a scan without fiducials: by these the pose is in machine coordinates",
             ));
         }
-        for path in [&self.output, &self.report].into_iter().flatten() {
-            self.force.check(path, &inputs)?;
-        }
+        let outputs = self.output.iter().chain(&self.report);
+        self.force.check_each(outputs, &inputs)?;
         let found = self.find().map_err(failure)?;
         let located = &found.answer.located;
         if let Some(path) = &self.report {

@@ -78,16 +78,8 @@ Exit status: 1 usage or a file; 2 refused: scene, no_scanner, nothing_seen.";
 impl Simulate {
     pub fn run(&self) -> Result<(), Failure> {
         let inputs: [&Path; 1] = [&self.scene];
-        self.force.check(&self.output, &inputs)?;
-        if let Some(path) = &self.pose {
-            self.force.check(path, &inputs)?;
-            if *path == self.output {
-                return Err(failure(ScanError::unreadable(
-                    "file",
-                    "the points and the pose need a file each",
-                )));
-            }
-        }
+        let outputs = std::iter::once(&self.output).chain(&self.pose);
+        self.force.check_each(outputs, &inputs)?;
         write::check_extension(&self.output).map_err(failure)?;
         let scene = scene(&self.scene)?;
         let Some(scanner) = &scene.scanner else {

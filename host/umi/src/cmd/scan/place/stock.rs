@@ -156,9 +156,8 @@ impl Stock {
             .chain(&self.faces)
             .map(PathBuf::as_path)
             .collect();
-        for path in self.output.iter().chain(&self.map).chain(&self.report) {
-            self.force.check(path, &inputs)?;
-        }
+        let outputs = self.output.iter().chain(&self.map).chain(&self.report);
+        self.force.check_each(outputs, &inputs)?;
         let answer = self.find().map_err(failure)?;
         let placed = Placed {
             motion: &answer.found.motion,
