@@ -139,10 +139,15 @@ impl LocaliseTask<'_> {
                 ..located
             });
         }
-        let (cell_mm, aside) = (found.cell_mm, found.aside.clone());
+        let (cell_mm, place) = (found.cell_mm, found.fit.motion);
+        let (beside, aside) = (found.beside.clone(), found.aside.clone());
         let mut located = self.finish(&surface, found)?;
-        if let Some(aside) = aside.filter(|_| !located.certainty.is_off_size()) {
-            return Err(aside);
+        let moved_mm = located.motion.apart_mm(&place, &self.model.corners());
+        if moved_mm < fit::CLOSE * located.sigma_mm {
+            let aside = aside.filter(|_| !located.certainty.is_off_size());
+            if let Some(refusal) = beside.or(aside) {
+                return Err(refusal);
+            }
         }
         located.chosen.search_mm = Some(cell_mm);
         located.chosen.normals_mm = Some(scene::NORMALS * cell_mm);

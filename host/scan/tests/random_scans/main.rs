@@ -63,8 +63,8 @@ impl Tally {
         let found = match located(&part.mesh, &scan.points) {
             Err(refused) => {
                 println!(
-                    "  scan {number}, {}: {}; {}",
-                    part.name, refused.code, scan.faults
+                    "  scan {number}, {}: {} ({}); {}",
+                    part.name, refused.code, refused.message, scan.faults
                 );
                 return self.count(refused.code);
             }

@@ -53,5 +53,5 @@ pub(in crate::localise) fn judged(
             "scan what tells them apart, or with less noise and fewer stray points",
         ));
     }
-    Ok(decided.symmetries)
+    decided.beside.map_or(Ok(decided.symmetries), Err)
 }

@@ -19,9 +19,22 @@ use crate::solve::measure_within;
 /// What else explains a scan.
 enum Rivals {
     None,
+    /// One beside it as well, on the other side of a thin wall: with the refusal.
+    Beside(ScanError),
     /// These as well, by these axes of the part.
     Equal(Vec<SymmetryAxis>, Vec<Pose>),
     Better(Fit),
+}
+
+/// From how far a pose is refined that is held against the best one.
+#[derive(Clone, Copy, PartialEq)]
+enum Way {
+    /// From what is known to be about right: what the search found.
+    Wide,
+    /// From what is right to a few times the noise, if at all: beside the best one.
+    Close,
+    /// A turn of the part on itself may be either.
+    Both,
 }
 
 /// How often a better pose takes the place of the best one at most.
@@ -38,12 +51,17 @@ impl Judge<'_> {
         // A rival may turn out to be better than what stood first by the mere number of points.
         for _ in 0..BETTER {
             match self.rivals(scene, fits, &best)? {
-                Rivals::None => {
+                rivals @ (Rivals::None | Rivals::Beside(_)) => {
+                    let beside = match rivals {
+                        Rivals::Beside(refusal) => Some(refusal),
+                        _ => None,
+                    };
                     return Ok(Decided {
                         fit: best,
                         symmetries: Vec::new(),
                         all: fits.iter().map(|fit| fit.motion).collect(),
                         cell_mm: scene.cell_mm,
+                        beside,
                         aside: None,
                     });
                 }
@@ -89,7 +107,8 @@ impl Judge<'_> {
         // Poses that are nearer to each other are one.
         let (same, beside) = (0.02 * self.prepared.diagonal, fit::CLOSE * sigma);
         // Some if it is better.
-        let mut try_one = |motion: &Pose, same: f64, equal: &mut Vec<Pose>| -> Option<Fit> {
+        let mut try_one = |motion: &Pose, way: Way, equal: &mut Vec<Pose>| -> Option<Fit> {
+            let same = if way == Way::Close { beside } else { same };
             let is_known = |tried: &[Pose], equal: &[Pose], motion: &Pose| {
                 let apart = |t: &Pose| t.apart_mm(motion, &self.prepared.corners);
                 tried.iter().chain(equal).any(|t| apart(t) < same)
@@ -98,7 +117,7 @@ impl Judge<'_> {
                 return None;
             }
             // Most turns of a part are far from fitting: seen without refining all points.
-            let wide = (same > beside)
+            let wide = (way != Way::Close)
                 .then(|| self.tried(scene, &thinned, motion, 0.03, &here))
                 .flatten();
             let wide = wide.filter(|rough| {
@@ -107,7 +126,7 @@ impl Judge<'_> {
             });
             let wide = wide.and_then(|rough| self.refine(scene, &rough));
             // Where a face of what was scanned stands off, so wide a reach ends between that face and the others.
-            let close = (!self.is_clearly_less(&thinned, motion, &here))
+            let close = (way != Way::Wide && !self.is_clearly_less(&thinned, motion, &here))
                 .then(|| self.refine_within(scene, motion, beside));
             let fit = [wide, close.flatten()]
                 .into_iter()
@@ -115,7 +134,7 @@ impl Judge<'_> {
                 .filter(|fit| !is_known(&tried, equal, &fit.motion))
                 .max_by_key(|fit| fit.inliers)?;
             // What is beside the best one says nothing of what is farther.
-            if same > beside {
+            if way != Way::Close {
                 tried.push(fit.motion);
             }
             let other = off(self.part(), &scene.fine, &fit.motion, sigma, threads);
@@ -133,9 +152,10 @@ impl Judge<'_> {
             }
         };
         // On the other side of a thin wall: first, as a fit there may seem to be free.
+        let mut across: Vec<Pose> = Vec::new();
         for shift in &self.prepared.shifts {
             let motion = best.motion.after(&Pose::shift_mm(*shift));
-            if let Some(better) = try_one(&motion, beside, &mut equal) {
+            if let Some(better) = try_one(&motion, Way::Close, &mut across) {
                 return Ok(Rivals::Better(better));
             }
         }
@@ -148,8 +168,10 @@ impl Judge<'_> {
         }
         let others = fits.iter().map(|fit| fit.motion);
         let turned = self.turns().into_iter().map(|own| best.motion.after(&own));
-        for motion in others.chain(turned) {
-            if let Some(better) = try_one(&motion, same, &mut equal) {
+        let others = others.map(|motion| (motion, Way::Wide));
+        let turned = turned.map(|motion| (motion, Way::Both));
+        for (motion, way) in others.chain(turned) {
+            if let Some(better) = try_one(&motion, way, &mut equal) {
                 return Ok(Rivals::Better(better));
             }
         }
@@ -159,14 +181,23 @@ impl Judge<'_> {
             for (a, b) in known.iter().flat_map(|a| known.iter().map(move |b| (a, b))) {
                 if equal.len() < 24 {
                     let turn = best.motion.inverse().after(a);
-                    if let Some(better) = try_one(&b.after(&turn), same, &mut equal) {
+                    if let Some(better) = try_one(&b.after(&turn), Way::Wide, &mut equal) {
                         return Ok(Rivals::Better(better));
                     }
                 }
             }
         }
         if equal.is_empty() {
-            return Ok(Rivals::None);
+            let poses: Vec<Pose> = std::iter::once(best.motion).chain(across).collect();
+            return Ok(match poses.len() {
+                1 => Rivals::None,
+                _ => Rivals::Beside(symmetry::ambiguous(
+                    &[],
+                    &poses,
+                    "the scan looks the same from the other side of a thin wall or step of the part",
+                    "scan what tells the two apart: edges, and both sides of the wall",
+                )),
+            });
         }
         let motions: Vec<Pose> = equal
             .iter()
@@ -281,6 +312,7 @@ impl Judge<'_> {
                 symmetries: axes,
                 all: Vec::new(),
                 cell_mm: scene.cell_mm,
+                beside: None,
                 aside: None,
             });
         }

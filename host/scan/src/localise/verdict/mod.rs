@@ -41,6 +41,8 @@ pub(super) struct Decided {
     pub all: Vec<Pose>,
     /// As [`Scene::cell_mm`] of the scan.
     pub cell_mm: f64,
+    /// The refusal of a part that lies as well on the other side of a wall.
+    pub beside: Option<ScanError>,
     /// The refusal of a part that lies as well on a face that stands off, where that is not by its size.
     pub aside: Option<ScanError>,
 }
@@ -54,6 +56,7 @@ impl Decided {
             symmetries: Vec::new(),
             all: Vec::new(),
             cell_mm: 0.0,
+            beside: None,
             aside: None,
         }
     }
