@@ -296,6 +296,7 @@ fn set_config<F: Flash>(
     match measure.set_config(now, config) {
         Ok(()) => {
             guarded.follow(&config.access);
+            guarded.note_config(now, measure);
             Response::Done
         }
         Err(ConfigError::Field(field)) => Response::ConfigRefused(field),

@@ -26,7 +26,7 @@ pub(crate) mod delivery;
 mod events;
 mod faults;
 mod ledger;
-mod opening;
+pub(crate) mod opening;
 mod owner;
 pub(crate) mod release;
 mod sensed;

@@ -70,13 +70,13 @@ pub struct Opened<E> {
     pub programs: Result<(), programs::StoreError<E>>,
 }
 
-/// Kinds of records that say that keys, or a configuration, were kept.
-const ACCESS: u8 = 30;
+/// Kind of records that say that keys were kept.
+pub(crate) const ACCESS: u8 = 30;
+/// The same of a configuration.
 const CONFIG_SET: u8 = 28;
 
 impl<F: Flash> Instrument<F> {
-    /// Starts: opens journal and settings and takes up the job and the reference
-    /// that were in force.
+    /// Starts: opens journal and settings. [`Self::take_up`] is next.
     ///
     /// A storage area that cannot be opened stops nothing: the board runs and answers,
     /// counts every entry that it cannot keep, shows trouble, sends no correction, and
@@ -114,9 +114,13 @@ impl<F: Flash> Instrument<F> {
         if let Some(custody) = custody {
             self.open_custody(now, custody);
         }
+        opened
+    }
+
+    /// Takes up the job and the reference that were in force, under the ceilings that are in force now.
+    pub(crate) fn take_up(&mut self, now: Micros) {
         self.restore(now);
         self.restore_sensor(now);
-        opened
     }
 
     #[inline(never)]
@@ -171,8 +175,8 @@ impl<F: Flash> Instrument<F> {
         if custody.is_new()
             && let Some(journal) = self.ledger.journal.get_mut()
         {
-            let [is_owned, is_lost] = journal.tells([ACCESS, CONFIG_SET]);
-            custody.begin(now, is_owned, is_lost);
+            let (is_lost, _) = journal.tells(CONFIG_SET, 0);
+            custody.begin(now, is_lost);
         }
         let config = custody.kept().config;
         self.ledger.custody.put(custody);

@@ -2,6 +2,7 @@
 
 use umi_core::journal::Flash;
 use umi_core::journal::archive::Archive;
+use umi_core::trust::access::register::Age;
 use umi_core::units::Micros;
 use umi_protocol::access::{AccessRefusal, KeyId};
 use umi_protocol::config::{BoardConfig, WhenFull};
@@ -82,14 +83,13 @@ impl<F: Flash> Instrument<F> {
         Err(ConfigError::Storage)
     }
 
-    /// The board has an owner: known here, too, should the area of the keys be erased.
-    pub(crate) fn note_owner(&mut self, now: Micros) {
-        if let Some(custody) = self.ledger.custody.get_mut()
-            && !custody.is_owned()
-        {
-            custody.own(true);
-            let kept = *custody.kept();
-            if custody.save(now, kept).is_err() {
+    /// The board has an owner, and its keys are of this age: known here, too, should their area be erased or an older copy
+    /// of it be put back.
+    pub(crate) fn note_owner(&mut self, now: Micros, age: Age) {
+        if let Some(custody) = self.ledger.custody.get_mut() {
+            let mut marks = custody.marks();
+            (marks.is_owned, marks.age.keys) = (true, age.keys);
+            if custody.note(now, marks, false).is_err() {
                 self.ledger.refused();
             }
         }
@@ -157,6 +157,12 @@ impl<F: Flash> Ledger<F> {
         while let Some(record) = self.refusals.take(now) {
             self.record(now, record);
         }
+    }
+
+    /// Journals the configuration that is in force.
+    pub(crate) fn tell_config(&mut self, now: Micros) {
+        let config = self.in_custody().config;
+        self.record(now, Record::ConfigSet(config));
     }
 
     /// What is kept for the owner; on a board without the ring, nothing.

@@ -270,22 +270,22 @@ impl<F: Flash> Archive<F> {
         Ok(gone - b.saturating_sub(a).min(gone))
     }
 
-    /// Of which of these kinds, that are evidence, there are records. Reads all of them: not for each start. What
-    /// cannot be read says nothing.
-    pub fn tells<const N: usize>(&mut self, kinds: [u8; N]) -> [bool; N] {
-        let mut found = [false; N];
+    /// Whether there is a record of this kind, that is evidence, from this number of the ring on, and the number that its
+    /// next will get. Reads all of them: a start that has looked before looks at what is new. What cannot be read says nothing.
+    pub fn tells(&mut self, kind: u8, from: u64) -> (bool, u64) {
         let ring = match self.evidence.get_mut() {
             Some(Evidence { ring, .. }) => ring,
             None => &mut self.journal,
         };
-        for number in ring.first_seq()..ring.next_seq() {
-            if let Ok(piece) = ring.read_piece(number, 0, &mut []) {
-                for (found, kind) in found.iter_mut().zip(kinds) {
-                    *found |= kind == piece.kind;
-                }
-            }
-        }
-        found
+        let end = ring.next_seq();
+        // Another ring, where it has not come so far.
+        let from = if from > end { 0 } else { from };
+        let mut numbers = from.max(ring.first_seq())..end;
+        let is_it = |number| {
+            ring.read_piece(number, 0, &mut [])
+                .is_ok_and(|piece| piece.kind == kind)
+        };
+        (numbers.any(is_it), end)
     }
 
     /// Whether little more evidence can be kept before some from entry `from` on is overwritten.
