@@ -143,14 +143,14 @@ fn the_jumper_wipes_whatever_is_damaged() {
             *areas.custody.lock().unwrap() = custody;
             assert_eq!(start(&areas).0, AccessMode::Locked, "{a} {c}");
             let app = areas.started(&Cut::whole(&areas.access));
-            let mut measure = app.measure.try_lock().unwrap();
+            let measure = app.measure.try_lock().unwrap();
             let mut guarded = app.guarded.try_lock().unwrap();
             let caller = Caller::NOBODY;
             let admitted = guarded.admits(&caller, &Request::Wipe, LockedReading::Nobody);
             assert_eq!(admitted, Ok(()), "{a} {c}");
             let keeper = guarded.keeper().unwrap();
             assert!(super::super::super::begin_wipe(
-                &mut measure,
+                &measure,
                 keeper,
                 Micros(0),
                 &caller
