@@ -76,7 +76,7 @@ pub(crate) const ACCESS: u8 = 30;
 const CONFIG_SET: u8 = 28;
 
 impl<F: Flash> Instrument<F> {
-    /// Starts: opens journal and settings. [`Self::take_up`] is next.
+    /// Starts: opens journal and settings. The job and the reference come next, under the ceilings that are in force then.
     ///
     /// A storage area that cannot be opened stops nothing: the board runs and answers,
     /// counts every entry that it cannot keep, shows trouble, sends no correction, and
