@@ -24,6 +24,7 @@ use proof::Prover;
 pub use proof::{Draw, Work, Worked};
 
 use umi_core::journal::Flash;
+use umi_core::journal::archive::Archive;
 use umi_core::trust::access::permit::{permit, permit_role};
 use umi_core::trust::access::register::{Age, Wiping};
 use umi_core::units::Micros;
@@ -492,17 +493,13 @@ impl<F: Flash> Instrument<F> {
 }
 
 impl<F: Flash> Instrument<F> {
-    /// What a wipe takes away: of a journal that cannot be opened, no entry.
+    /// What a wipe takes away; of a journal that cannot be read, nothing is known.
     fn to_be_wiped(&self, caller: &Caller) -> Wiping {
         let journal = self.ledger.journal.get();
-        let (first_seq, next_seq, chain) = journal.map_or((0, 0, [0; 32]), |journal| {
-            let chain = journal.chain_head().0;
-            (journal.first_seq(), journal.next_seq(), chain)
-        });
         Wiping {
-            first_seq,
-            next_seq,
-            chain,
+            first_seq: journal.map_or(0, Archive::first_seq),
+            next_seq: journal.map_or(0, Archive::next_seq),
+            chain: journal.map_or([0; 32], |journal| journal.chain_head().0),
             key_id: caller.key_id,
         }
     }
