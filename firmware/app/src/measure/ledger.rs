@@ -192,9 +192,9 @@ impl<F: Flash> Ledger<F> {
         let appended = encoded
             .ok()
             .zip(self.journal.get_mut())
-            .and_then(|(len, journal)| {
+            .map(|(len, journal)| {
                 let room = &mut self.scratch;
-                Some(journal.append(record.kind(), now, room, len))
+                journal.append(record.kind(), now, room, len)
             });
         match appended {
             Some(Ok(number)) => {
