@@ -27,7 +27,7 @@
 //! acknowledged. The ring is full then when its last sector is, and a record that is evidence and
 //! finds no room goes into neither of the two ([`JournalError::Full`]): a piece that only the journal
 //! had would break the chain of evidence. What is no evidence is written as ever, inputs among it.
-//! The last [`RESERVE`] bytes are for what must not fail ([`is_urgent`]): what has begun is told to its
+//! The last [`RESERVE`] bytes are for what must not fail (`is_urgent`): what has begun is told to its
 //! end, a start, who may do what, an acknowledgement. Half of that stays free for what a power cut
 //! has left of a piece, which is written once more.
 //!
