@@ -375,13 +375,15 @@ fn a_wipe_draws_a_key_where_it_cannot_be_read() {
     let before = rig.as_of("olga", &["log", "head"]).exits(0).json();
     rig.stop();
     damage(&rig, "key.flash");
-    rig.start(true);
+    rig.start(false);
     let shown = rig.run(&["access", "show"]).exits(0).json();
     assert_eq!(shown["mode"], "claimed");
     let refused = rig.as_of("anna", &["job", "show"]).exits(1).json();
     assert_eq!(refused["error"]["code"], "not_on_this_board");
     let message = refused["error"]["message"].as_str().unwrap();
     assert!(message.contains("umi wipe"), "{message}");
+    assert_eq!(code(rig.run(&["wipe", "--yes"])), "key_needed");
+    rig.start(true);
     assert_eq!(code(rig.run(&["wipe", "--yes"])), "key_needed");
     rig.start(true);
     let wiped = rig.run(&["wipe", "--yes"]).exits(0).json();
