@@ -102,9 +102,11 @@ fn main() -> ! {
     cortex_m::asm::isb();
     clock::start();
     // SAFETY: here and nowhere else.
-    let mut kept = unsafe { storage::open() };
+    let kept = unsafe { storage::open() };
     let mut image = RunningImage::start(kept.images);
-    let signer = owner::signer(kept.key, &mut kept.access, kept.entropy, image.digest);
+    let mut keeper = owner::keeper(kept.access);
+    let signer = owner::signer(kept.key, kept.entropy, image.digest, keeper.is_wiping());
+    keeper.signed_by(signer);
     let boot = Boot {
         identity: Identity {
             board: name("mps2-an500"),
@@ -124,7 +126,7 @@ fn main() -> ! {
         settings: kept.settings,
         programs: kept.programs,
     };
-    if let Err(Running) = app.guard(owner::keeper(kept.access, signer)) {
+    if let Err(Running) = app.guard(keeper) {
         stop("the application runs already");
     }
     if let Err(Running) = app.senses(&POINT) {

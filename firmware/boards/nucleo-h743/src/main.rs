@@ -67,7 +67,6 @@ use embassy_stm32::{Peri, interrupt, rcc, uid};
 use embassy_time::{Delay, Timer};
 use embedded_hal_bus::spi::ExclusiveDevice;
 use static_cell::StaticCell;
-use umi_app::access::Keeper;
 use umi_app::board::{Button, Clock as _, Lights, Outputs, Watchdog};
 use umi_app::measure::{Boot, StorageAreas};
 use umi_app::sensor::PointStation;
@@ -156,13 +155,16 @@ fn main() -> ! {
         settings,
         programs,
         custody,
-        mut access,
+        access,
     } = storage::open(device).unwrap_or_else(|why| stop(why));
+    let now = BoardClock.now();
+    let mut keeper = owner::keeper(access, now);
     let key = match key {
-        None if Keeper::is_wiping(&mut access) => owner::board_key(true),
+        None if keeper.is_wiping() => owner::board_key(true),
         key => key,
     };
     let signer = owner::signer(key, digest);
+    keeper.signed_by(signer);
     let boot = Boot {
         identity: Identity {
             board: name("nucleo-h743"),
@@ -185,8 +187,7 @@ fn main() -> ! {
     if let Err(Running) = app.senses(&POINT) {
         stop("the application runs already");
     }
-    let now = BoardClock.now();
-    if let Err(Running) = app.guard(owner::keeper(access, signer, now)) {
+    if let Err(Running) = app.guard(keeper) {
         stop("the application runs already");
     }
     #[cfg(feature = "update")]

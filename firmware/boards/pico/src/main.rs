@@ -84,7 +84,6 @@ use storage::chip_flash::{ChipFlash, KEY};
 use storage::updates;
 use storage::{Part, Storage, owner};
 use time::{alarms, clock};
-use umi_app::access::Keeper;
 use umi_app::board::Clock as _;
 
 bind_interrupts!(struct Interrupts {
@@ -181,17 +180,20 @@ fn boot() -> Parts {
     let signer = owner::signer(&mut own, digest, false);
     latch::start();
 
-    let mut storage = storage::open(storage::StorageParts {
+    let storage = storage::open(storage::StorageParts {
         spi: chip.SPI0,
         miso: chip.PIN_4,
         select: chip.PIN_5,
         clock: chip.PIN_6,
         mosi: chip.PIN_7,
     });
+    let now = BoardClock.now();
+    let mut keeper = owner::keeper(storage.access, now);
     let signer = match signer {
-        None if Keeper::is_wiping(&mut storage.access) => owner::signer(&mut own, digest, true),
+        None if keeper.is_wiping() => owner::signer(&mut own, digest, true),
         signer => signer,
     };
+    keeper.signed_by(signer);
     let serial = SERIAL.init(Serial::new());
     for byte in storage.unique_id {
         let _ = write!(serial, "{byte:02X}");
@@ -213,7 +215,6 @@ fn boot() -> Parts {
         programs,
         evidence,
         custody,
-        access,
         ..
     } = storage;
     let areas = StorageAreas {
@@ -223,8 +224,7 @@ fn boot() -> Parts {
         settings,
         programs,
     };
-    let now = BoardClock.now();
-    if let Err(Running) = APP.guard(owner::keeper(access, signer, now)) {
+    if let Err(Running) = APP.guard(keeper) {
         stop(&mut light, "the application runs already");
     }
     #[cfg(feature = "update")]
