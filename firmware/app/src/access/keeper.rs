@@ -165,14 +165,10 @@ impl<F: Flash> Keeper<F> {
         keeper
     }
 
-    /// Whether a wipe has begun and not ended, for who opens what else the board keeps.
-    pub fn is_wiping(&self) -> bool {
-        self.register.wiping.is_some()
-    }
-
-    /// Who signs for the board, where that was not known yet when this was opened.
-    pub fn signed_by(&mut self, signer: Option<&'static HeadSigner>) {
-        self.signer = signer;
+    /// Whether a wipe has begun in this area and not ended, for who opens what else the board keeps.
+    pub fn is_wiping(flash: &mut F) -> bool {
+        let register = Area::opened(flash).0.newest();
+        register.is_some_and(|register| register.wiping.is_some())
     }
 
     fn count_start(&mut self, now: Micros) {

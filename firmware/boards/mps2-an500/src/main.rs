@@ -102,11 +102,9 @@ fn main() -> ! {
     cortex_m::asm::isb();
     clock::start();
     // SAFETY: here and nowhere else.
-    let kept = unsafe { storage::open() };
+    let mut kept = unsafe { storage::open() };
     let mut image = RunningImage::start(kept.images);
-    let mut keeper = owner::keeper(kept.access);
-    let signer = owner::signer(kept.key, kept.entropy, image.digest, keeper.is_wiping());
-    keeper.signed_by(signer);
+    let signer = owner::signer(kept.key, &mut kept.access, kept.entropy, image.digest);
     let boot = Boot {
         identity: Identity {
             board: name("mps2-an500"),
@@ -126,7 +124,7 @@ fn main() -> ! {
         settings: kept.settings,
         programs: kept.programs,
     };
-    if let Err(Running) = app.guard(keeper) {
+    if let Err(Running) = app.guard(owner::keeper(kept.access, signer)) {
         stop("the application runs already");
     }
     if let Err(Running) = app.senses(&POINT) {

@@ -67,6 +67,7 @@ use embassy_stm32::{Peri, interrupt, rcc, uid};
 use embassy_time::{Delay, Timer};
 use embedded_hal_bus::spi::ExclusiveDevice;
 use static_cell::StaticCell;
+use umi_app::access::Keeper;
 use umi_app::board::{Button, Clock as _, Lights, Outputs, Watchdog};
 use umi_app::measure::{Boot, StorageAreas};
 use umi_app::sensor::PointStation;
@@ -155,16 +156,13 @@ fn main() -> ! {
         settings,
         programs,
         custody,
-        access,
+        mut access,
     } = storage::open(device).unwrap_or_else(|why| stop(why));
-    let now = BoardClock.now();
-    let mut keeper = owner::keeper(access, now);
     let key = match key {
-        None if keeper.is_wiping() => owner::board_key(true),
+        None if Keeper::is_wiping(&mut access) => owner::board_key(true),
         key => key,
     };
     let signer = owner::signer(key, digest);
-    keeper.signed_by(signer);
     let boot = Boot {
         identity: Identity {
             board: name("nucleo-h743"),
@@ -187,7 +185,8 @@ fn main() -> ! {
     if let Err(Running) = app.senses(&POINT) {
         stop("the application runs already");
     }
-    if let Err(Running) = app.guard(keeper) {
+    let now = BoardClock.now();
+    if let Err(Running) = app.guard(owner::keeper(access, signer, now)) {
         stop("the application runs already");
     }
     #[cfg(feature = "update")]

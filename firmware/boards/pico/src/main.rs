@@ -84,6 +84,7 @@ use storage::chip_flash::{ChipFlash, KEY};
 use storage::updates;
 use storage::{Part, Storage, owner};
 use time::{alarms, clock};
+use umi_app::access::Keeper;
 use umi_app::board::Clock as _;
 
 bind_interrupts!(struct Interrupts {
@@ -180,20 +181,17 @@ fn boot() -> Parts {
     let signer = owner::signer(&mut own, digest, false);
     latch::start();
 
-    let storage = storage::open(storage::StorageParts {
+    let mut storage = storage::open(storage::StorageParts {
         spi: chip.SPI0,
         miso: chip.PIN_4,
         select: chip.PIN_5,
         clock: chip.PIN_6,
         mosi: chip.PIN_7,
     });
-    let now = BoardClock.now();
-    let mut keeper = owner::keeper(storage.access, now);
     let signer = match signer {
-        None if keeper.is_wiping() => owner::signer(&mut own, digest, true),
+        None if Keeper::is_wiping(&mut storage.access) => owner::signer(&mut own, digest, true),
         signer => signer,
     };
-    keeper.signed_by(signer);
     let serial = SERIAL.init(Serial::new());
     for byte in storage.unique_id {
         let _ = write!(serial, "{byte:02X}");
@@ -215,6 +213,7 @@ fn boot() -> Parts {
         programs,
         evidence,
         custody,
+        access,
         ..
     } = storage;
     let areas = StorageAreas {
@@ -224,7 +223,8 @@ fn boot() -> Parts {
         settings,
         programs,
     };
-    if let Err(Running) = APP.guard(keeper) {
+    let now = BoardClock.now();
+    if let Err(Running) = APP.guard(owner::keeper(access, signer, now)) {
         stop(&mut light, "the application runs already");
     }
     #[cfg(feature = "update")]

@@ -13,9 +13,9 @@ pub fn signer(
     is_wiping: bool,
 ) -> Option<&'static HeadSigner> {
     let draw = |seed: &mut [u8; 32]| getrandom::fill(seed).map_err(|_| NoEntropy);
-    let key = match BoardKey::open(flash.clone(), draw) {
-        Err(error) if is_wiping && error.is_lost() => BoardKey::renew(flash, draw),
-        opened => opened,
+    let key = match is_wiping {
+        true => BoardKey::renew(flash, draw),
+        false => BoardKey::open(flash, draw),
     };
     // As long as the board: a process starts few of them.
     let key = key.ok()?;

@@ -11,6 +11,7 @@ use tokio::sync::oneshot;
 use umi_app::App;
 use umi_app::access::{Jumper, Keeper};
 use umi_app::board::{Clock as _, LineAbilities};
+use umi_app::measure::trust::heads::HeadSigner;
 use umi_app::measure::{Boot, StorageAreas};
 use umi_app::sensor::PointStation;
 use umi_core::trust::board_key::NoEntropy;
@@ -105,19 +106,12 @@ impl Power {
             .and_then(|areas| RunningImage::start(areas, config.firmware_key));
         let version = image.as_ref().map(RunningImage::version);
         let digest = image.as_ref().and_then(RunningImage::digest);
-        let now = match is_first {
-            true => Micros(0),
-            false => clock.now(),
-        };
-        let mut keeper = keeper(config, now);
-        let is_wiping = keeper.as_ref().is_some_and(Keeper::is_wiping);
+        let mut access = config.access.clone();
+        let is_wiping = access.as_mut().is_some_and(Keeper::is_wiping);
         let signer = config
             .key
             .clone()
             .and_then(|flash| key::signer(flash, digest.unwrap_or_default(), is_wiping));
-        if let Some(keeper) = &mut keeper {
-            keeper.signed_by(signer);
-        }
         let boot = Boot {
             identity: Identity {
                 board: name("virtual"),
@@ -137,11 +131,12 @@ impl Power {
             skip_ends: true,
             signer,
         };
+        let now = match is_first {
+            true => Micros(0),
+            false => clock.now(),
+        };
         let app = Box::new(App::new());
-        if let Some(keeper) = keeper {
-            // No task has begun.
-            let _ = app.guard(keeper);
-        }
+        guard(&app, config, signer, now);
         // Storage that cannot be opened shows as on a real board: in its answers.
         let areas = StorageAreas {
             journal: config.journal.clone(),
@@ -205,10 +200,19 @@ impl Power {
     }
 }
 
-/// The keys of people, if the board can have an owner, until it is known who signs.
-fn keeper(config: &Config, now: Micros) -> Option<Keeper<super::VirtualFlash>> {
-    let flash = config.access.clone()?;
+/// Gives the board its keys, if it can have an owner.
+fn guard(
+    app: &App<super::VirtualFlash>,
+    config: &Config,
+    signer: Option<&'static HeadSigner>,
+    now: Micros,
+) {
+    let Some(flash) = config.access.clone() else {
+        return;
+    };
     let jumper: Jumper = if config.jumper { || true } else { || false };
     let draw = |bytes: &mut [u8; 32]| getrandom::fill(bytes).map_err(|_| NoEntropy);
-    Some(Keeper::open(flash, jumper, None, draw, now))
+    let keeper = Keeper::open(flash, jumper, signer, draw, now);
+    // No task has begun.
+    let _ = app.guard(keeper);
 }

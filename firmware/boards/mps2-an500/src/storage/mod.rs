@@ -97,16 +97,6 @@ pub struct Region {
 // SAFETY: the region is plain memory that belongs to this value alone.
 unsafe impl Send for Region {}
 
-impl Region {
-    /// The same region, for who takes it up when this value is gone.
-    const fn again(&self) -> Self {
-        Self {
-            start: self.start,
-            geometry: self.geometry,
-        }
-    }
-}
-
 /// Why the flash refuses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refusal {

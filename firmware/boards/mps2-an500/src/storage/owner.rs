@@ -23,20 +23,19 @@ use super::{Region, jumper_is_closed};
 static SEED: Mutex<Cell<[u8; 32]>> = Mutex::new(Cell::new([0; 32]));
 static DRAWN: AtomicU32 = AtomicU32::new(0);
 
-/// Takes up the board's key, or draws one; none: there is no entropy. Heads name the image of this digest. Where the board is
-/// being wiped (`is_wiping`), a key that cannot be read is drawn anew.
+/// Takes up the board's key, or draws one; none: there is no entropy. Heads name the image of this digest. A wipe that has
+/// begun in the area of the keys (`access`) draws another where the board's own cannot be read.
 pub fn signer(
     key: Region,
+    access: &mut Region,
     entropy: [u8; 32],
     digest: [u8; 32],
-    is_wiping: bool,
 ) -> Option<&'static HeadSigner> {
     static SIGNING: StaticCell<HeadSigner> = StaticCell::new();
     critical_section::with(|cs| SEED.borrow(cs).set(entropy));
-    let again = key.again();
-    let key = match BoardKey::open(key, draw) {
-        Err(error) if is_wiping && error.is_lost() => BoardKey::renew(again, draw),
-        opened => opened,
+    let key = match Keeper::is_wiping(access) {
+        true => BoardKey::renew(key, draw),
+        false => BoardKey::open(key, draw),
     };
     let key = key.ok()?;
     // What is drawn from here on is of this start alone.
@@ -47,9 +46,9 @@ pub fn signer(
     Some(SIGNING.init(HeadSigner::new(key, digest)))
 }
 
-/// The keys of people, until it is known who signs.
-pub fn keeper(access: Region) -> Keeper<Region> {
-    Keeper::open(access, jumper_is_closed, None, draw, Micros(0))
+/// The keys of people.
+pub fn keeper(access: Region, signer: Option<&'static HeadSigner>) -> Keeper<Region> {
+    Keeper::open(access, jumper_is_closed, signer, draw, Micros(0))
 }
 
 fn draw(bytes: &mut [u8; 32]) -> Result<(), NoEntropy> {

@@ -41,10 +41,10 @@ fn jumper_is_closed() -> bool {
 /// be claimed. To be called before anything that cannot wait, and no more once there is one: now and then a sector is erased, for two seconds.
 /// Where the board is being wiped (`is_wiping`), one that cannot be read is drawn anew, and nothing of the images counts any more.
 pub fn board_key(is_wiping: bool) -> Option<BoardKey> {
-    let flash = || ChipFlash::new(KEPT);
-    let opened = match BoardKey::open(flash(), noise::draw) {
-        Err(error) if is_wiping && error.is_lost() => BoardKey::renew(flash(), noise::draw),
-        opened => opened,
+    let flash = ChipFlash::new(KEPT);
+    let opened = match is_wiping {
+        true => BoardKey::renew(flash, noise::draw),
+        false => BoardKey::open(flash, noise::draw),
     };
     if opened.is_err() {
         defmt::error!("the board has no key: it signs nothing");
@@ -59,7 +59,7 @@ pub fn signer(key: Option<BoardKey>, image: [u8; 32]) -> Option<&'static HeadSig
     key.map(|key| &*SIGNING.init(HeadSigner::new(key, image)))
 }
 
-/// The keys of people, until it is known who signs.
-pub fn keeper(access: Part, now: Micros) -> Keeper<Part> {
-    Keeper::open(access, jumper_is_closed, None, noise::draw, now)
+/// The keys of people.
+pub fn keeper(access: Part, signer: Option<&'static HeadSigner>, now: Micros) -> Keeper<Part> {
+    Keeper::open(access, jumper_is_closed, signer, noise::draw, now)
 }

@@ -57,9 +57,9 @@ pub fn signer(
     is_wiping: bool,
 ) -> Option<&'static HeadSigner> {
     static SIGNING: StaticCell<HeadSigner> = StaticCell::new();
-    let opened = match BoardKey::open(&mut *flash, noise::draw) {
-        Err(error) if is_wiping && error.is_lost() => BoardKey::renew(flash, noise::draw),
-        opened => opened,
+    let opened = match is_wiping {
+        true => BoardKey::renew(flash, noise::draw),
+        false => BoardKey::open(flash, noise::draw),
     };
     match opened {
         Ok(key) => Some(SIGNING.init(HeadSigner::new(key, image))),
@@ -70,7 +70,7 @@ pub fn signer(
     }
 }
 
-/// The keys of people, until it is known who signs.
-pub fn keeper(access: Part, now: Micros) -> Keeper<Part> {
-    Keeper::open(access, jumper_is_closed, None, noise::draw, now)
+/// The keys of people.
+pub fn keeper(access: Part, signer: Option<&'static HeadSigner>, now: Micros) -> Keeper<Part> {
+    Keeper::open(access, jumper_is_closed, signer, noise::draw, now)
 }
