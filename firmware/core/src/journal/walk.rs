@@ -83,8 +83,7 @@ impl Cursor {
             addr: layout.data(sector),
             seq,
             end,
-            // The first entry of all follows on nothing.
-            chain: (seq == 0).then_some(Chain::GENESIS),
+            chain: None,
         })
     }
 

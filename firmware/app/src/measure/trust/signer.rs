@@ -64,9 +64,7 @@ pub(crate) struct Heads {
     /// a turn of theirs.
     known_turns: Bucket<32, 10_000_000>,
     /// Who waits is no stranger.
-    pub is_known: bool,
-    /// The journal had no room for the one that was due.
-    pub is_full: bool,
+    is_known: bool,
 }
 
 impl Heads {
@@ -81,7 +79,6 @@ impl Heads {
             turns: Bucket::new(),
             known_turns: Bucket::new(),
             is_known: false,
-            is_full: false,
         }
     }
 
@@ -97,11 +94,6 @@ impl Heads {
     /// A verdict is in the journal.
     pub fn judged(&mut self) {
         self.is_due = true;
-    }
-
-    /// The journal may have room for one again.
-    pub fn has_room(&mut self) {
-        self.is_full = false;
     }
 
     /// Entries before this one were there at the start.
@@ -123,7 +115,6 @@ impl Heads {
         };
         if !is_taken && !has_asked(&self.asked, &nonce) && may() {
             self.asked.put((nonce, now));
-            self.is_full = false;
             self.is_known = is_known;
         }
     }
