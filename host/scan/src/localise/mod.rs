@@ -132,22 +132,19 @@ impl LocaliseTask<'_> {
             }
             (None, _) => verdict::decide(self, &surface, None)?,
         };
-        if let Some(kernel) = self.kernel {
-            let located = self.stated(&surface, &found.fit.motion, kernel)?;
-            return Ok(Located {
-                symmetries: found.symmetries,
-                ..located
-            });
+        let cell_mm = found.cell_mm;
+        let mut located = match self.kernel {
+            Some(kernel) => Located {
+                symmetries: found.symmetries.clone(),
+                ..self.stated(&surface, &found.fit.motion, kernel)?
+            },
+            None => self.finish(&surface, found.clone())?,
+        };
+        if let Some(refusal) = found.refusal(&located, &self.model.corners()) {
+            return Err(refusal);
         }
-        let (cell_mm, place) = (found.cell_mm, found.fit.motion);
-        let (beside, aside) = (found.beside.clone(), found.aside.clone());
-        let mut located = self.finish(&surface, found)?;
-        let moved_mm = located.motion.apart_mm(&place, &self.model.corners());
-        if moved_mm < fit::CLOSE * located.sigma_mm {
-            let aside = aside.filter(|_| !located.certainty.is_off_size());
-            if let Some(refusal) = beside.or(aside) {
-                return Err(refusal);
-            }
+        if self.kernel.is_some() {
+            return Ok(located);
         }
         located.chosen.search_mm = Some(cell_mm);
         located.chosen.normals_mm = Some(scene::NORMALS * cell_mm);

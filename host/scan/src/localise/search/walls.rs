@@ -18,49 +18,49 @@ const KEPT: usize = 6;
 /// Sides are parallel if their normals have this cosine.
 const PARALLEL: f64 = 0.9998;
 
-/// A flat side: its normal, its height along that, its area in mm².
+/// A flat side: its normal, its height along that, its area.
 #[derive(Clone, Copy)]
 struct Side {
     normal: Vec3,
-    height: f64,
-    area: f64,
+    height_mm: f64,
+    area_mm2: f64,
 }
 
 /// Shifts of a part, in its own frame, that put flat sides of it where parallel ones were: by each thickness of a wall or
 /// step, and by two and three of different directions at once. `sides`: of each triangle its side.
-pub(in crate::localise) fn shifts(mesh: &Mesh, sides: &[u32], diagonal: f64) -> Vec<Vec3> {
+pub(in crate::localise) fn shifts(mesh: &Mesh, sides: &[u32], diagonal_mm: f64) -> Vec<Vec3> {
     let count = sides.iter().max().map_or(0, |last| *last as usize + 1);
     let mut all = vec![None::<Side>; count];
     for (t, side) in mesh.triangles().iter().zip(sides) {
         let side = all[*side as usize].get_or_insert(Side {
             normal: t.normal,
-            height: t.normal.dot(&t.corners[0]),
-            area: 0.0,
+            height_mm: t.normal.dot(&t.corners[0]),
+            area_mm2: 0.0,
         });
-        side.area += t.area_mm2;
+        side.area_mm2 += t.area_mm2;
     }
     let least = LEAST * mesh.area_mm2();
     let mut large: Vec<Side> = all
         .into_iter()
         .flatten()
-        .filter(|s| s.area > least)
+        .filter(|s| s.area_mm2 > least)
         .collect();
-    large.sort_by(|a, b| b.area.total_cmp(&a.area));
+    large.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
     large.truncate(SIDES);
     // Each thickness once, with the surface that speaks for it.
     let mut thin: Vec<(Vec3, f64)> = Vec::new();
     for (k, a) in large.iter().enumerate() {
         for b in &large[k + 1..] {
             let along = a.normal.dot(&b.normal);
-            let by = along.signum() * b.height - a.height;
-            if along.abs() < PARALLEL || !(SAME..THIN).contains(&(by.abs() / diagonal)) {
+            let by_mm = along.signum() * b.height_mm - a.height_mm;
+            if along.abs() < PARALLEL || !(SAME..THIN).contains(&(by_mm.abs() / diagonal_mm)) {
                 continue;
             }
-            let shift = a.normal * by;
-            let area = a.area.min(b.area);
+            let shift = a.normal * by_mm;
+            let area = a.area_mm2.min(b.area_mm2);
             let is_same = |known: &Vec3| {
                 let apart = (known - shift).norm().min((known + shift).norm());
-                apart < SAME * diagonal
+                apart < SAME * diagonal_mm
             };
             match thin.iter_mut().find(|(known, _)| is_same(known)) {
                 Some((_, sum)) => *sum += area,

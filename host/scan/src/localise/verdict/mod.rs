@@ -14,7 +14,7 @@ mod twin;
 
 use std::collections::HashSet;
 
-use super::{LocaliseTask, degenerate, not_near};
+use super::{LocaliseTask, Located, degenerate, not_near};
 use crate::ScanError;
 use crate::localise::fit::{self, Approach, Fit};
 use crate::localise::search::field::HeightField;
@@ -34,6 +34,7 @@ use crate::solve::measure_within;
 use crate::surface::CompositeSurface;
 
 /// A pose that stands.
+#[derive(Clone)]
 pub(super) struct Decided {
     pub fit: Fit,
     pub symmetries: Vec<SymmetryAxis>,
@@ -45,6 +46,19 @@ pub(super) struct Decided {
     pub beside: Option<ScanError>,
     /// The refusal of a part that lies as well on a face that stands off, where that is not by its size.
     pub aside: Option<ScanError>,
+}
+
+impl Decided {
+    /// Why what the end came to is no answer: the part lies as well beside it. Nothing where the end came to another place; nor
+    /// of a face that stands off where the verdict is NG without that, as by the size.
+    pub fn refusal(&self, located: &Located, corners: &[Vec3]) -> Option<ScanError> {
+        let moved_mm = located.motion.apart_mm(&self.fit.motion, corners);
+        let aside = self.aside.as_ref().filter(|_| located.reasons.is_empty());
+        let refusal = self.beside.as_ref().or(aside);
+        refusal
+            .filter(|_| moved_mm < fit::CLOSE * located.sigma_mm)
+            .cloned()
+    }
 }
 
 #[cfg(test)]

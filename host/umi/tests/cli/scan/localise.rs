@@ -173,6 +173,11 @@ fn a_file_of_fiducials_that_is_wrong_is_told_so() {
              [[fiducial]]\nname = \"A\"\nposition_mm = [9,0,0]\nshape = { sphere = { radius_mm = 5 } }\n",
             "two of this name",
         ),
+        (
+            "[[fiducial]]\nname = \"A\"\nposition_mm = [0,0,0]\nshape = { sphere = { radius_mm = 5 } }\n\
+             u_position_mm = 1e300\n",
+            "from 0 to 1000",
+        ),
     ] {
         let file = folder.file("fiducials.toml", text);
         let error = &run(&[
@@ -189,6 +194,15 @@ fn a_file_of_fiducials_that_is_wrong_is_told_so() {
     }
     let neither = run(&["scan", "localise", "optimum_balls.ply"]);
     assert_eq!(neither.status, 1);
+    // Pose and page would overwrite each other.
+    let (scan, part) = ("optimum_balls.ply", "bracket.stl");
+    let both = folder.path("both");
+    let twice = [
+        "scan", "localise", scan, "--part", part, "-o", &both, "--report", &both,
+    ];
+    let error = &run(&twice).exits(1).json()["error"];
+    let message = error["message"].as_str().unwrap();
+    assert!(message.contains("give each a name of its own"), "{error}");
 }
 
 /// Three balls on a table: what the scanner of a scene sees, and where they say that it stands.

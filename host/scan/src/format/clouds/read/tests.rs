@@ -66,6 +66,19 @@ fn every_kind_of_ply_gives_the_same_points() {
 fn what_is_not_finite_is_dropped_and_counted() {
     let cloud = cloud_from_bytes(b"x,y,z\n1,2,3\nnan,0,0\n1,inf,2\n4,5,6\n").unwrap();
     assert_eq!((cloud.points.len(), cloud.not_finite), (2, 2));
+    // In STL the other corners of such a triangle are points as well.
+    let facet = |corner: &str| {
+        format!(
+            "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex {corner}\nendloop\nendfacet\n"
+        )
+    };
+    let stl = format!(
+        "solid a\n{}{}endsolid a\n",
+        facet("0 1 0"),
+        facet("nan 5 0")
+    );
+    let cloud = cloud_from_bytes(stl.as_bytes()).unwrap();
+    assert_eq!((cloud.points.len(), cloud.not_finite), (3, 1));
 }
 
 #[test]

@@ -94,12 +94,12 @@ pub(in crate::localise::fiducials) fn other_radius(
     })
 }
 
-/// How far a radius is off, with its standard uncertainty and the noise, in mm.
+/// How far a radius is off, with its standard uncertainty and the noise.
 #[derive(Clone, Copy, Debug)]
 struct Off {
-    by: f64,
-    u: f64,
-    noise: f64,
+    by_mm: f64,
+    u_mm: f64,
+    noise_mm: f64,
 }
 
 impl Off {
@@ -108,10 +108,10 @@ impl Off {
             return None;
         };
         Some(Self {
-            by: seen.radius_mm - radius_mm,
+            by_mm: seen.radius_mm - radius_mm,
             // Points without noise leave none.
-            u: seen.u_mm.max(1e-9),
-            noise: seen.noise_mm,
+            u_mm: seen.u_mm.max(1e-9),
+            noise_mm: seen.noise_mm,
         })
     }
 
@@ -119,28 +119,28 @@ impl Off {
     fn common(all: impl Iterator<Item = Self>) -> Self {
         let (mut by, mut weight, mut noise, mut count) = (0.0, 0.0, 0.0, 0.0_f64);
         for off in all {
-            let of_this = off.u.powi(-2);
-            by += of_this * off.by;
+            let of_this = off.u_mm.powi(-2);
+            by += of_this * off.by_mm;
             weight += of_this;
-            noise += off.noise;
+            noise += off.noise_mm;
             count += 1.0;
         }
         if count == 0.0 {
             return Self {
-                by: 0.0,
-                u: 0.0,
-                noise: 0.0,
+                by_mm: 0.0,
+                u_mm: 0.0,
+                noise_mm: 0.0,
             };
         }
         Self {
-            by: by / weight,
-            u: weight.sqrt().recip(),
-            noise: noise / count,
+            by_mm: by / weight,
+            u_mm: weight.sqrt().recip(),
+            noise_mm: noise / count,
         }
     }
 
     fn is_sure(&self) -> bool {
-        self.by.abs() > SURELY * self.u + ROUGH * self.noise
+        self.by_mm.abs() > SURELY * self.u_mm + ROUGH * self.noise_mm
     }
 }
 
@@ -176,15 +176,15 @@ pub(in crate::localise::fiducials) fn wrong(
             let what = format!(
                 "{} has a radius of {:.3} mm in the scan, and {radius_mm} mm in its file",
                 fiducial.name,
-                radius_mm + off.by
+                radius_mm + off.by_mm
             );
-            refused(what, off.by)
+            refused(what, off.by_mm)
         });
     let each: Vec<ScanError> = each.collect();
     let all = Off::common(offs().map(|(_, off)| off));
     if each.is_empty() && all.is_sure() {
         let what = "the balls together have other radii in the scan than in their file".to_owned();
-        return vec![refused(what, all.by)];
+        return vec![refused(what, all.by_mm)];
     }
     each
 }
@@ -215,15 +215,15 @@ pub(in crate::localise::fiducials) fn doubt(
     let Some(inverse) = information.try_inverse() else {
         return Matrix6::zeros();
     };
-    let common = Off::common(offs.iter().flatten().copied()).by;
+    let common_mm = Off::common(offs.iter().flatten().copied()).by_mm;
     let mut all = Vector6::zeros();
     let mut doubt = Matrix6::zeros();
     for (off, row) in offs.iter().zip(by_radius) {
         let Some(off) = off else {
             continue;
         };
-        all += inverse * row * common;
-        let own = inverse * row * (off.by - common);
+        all += inverse * row * common_mm;
+        let own = inverse * row * (off.by_mm - common_mm);
         doubt += own * own.transpose();
     }
     let origin = at_origin(arm, &about, motion);
