@@ -102,6 +102,36 @@ test('delays and dividers take their time', () => {
   assert.deepEqual(steps.slice(0, 4), steps[0] === 20 ? [20, 5, 20, 5] : [5, 20, 5, 20]);
 });
 
+test('a pulse of the chip interrupts when another machine has seen it, whoever looks', () => {
+  const it = board();
+  const { rp } = it.chip;
+  const INTE = 0x12c, SM1 = 0x18;
+  rp.writeUint32(PIO0 + 0x48, 0xf001 | (31 << 8)); // set pins, 1 [31]
+  rp.writeUint32(PIO0 + 0x4c, 0xf000 | (31 << 8)); // set pins, 0 [31]
+  rp.writeUint32(PIO0 + 0x50, 0x20a0); // wait 1 pin, 0
+  rp.writeUint32(PIO0 + 0x54, 0x8000); // push noblock
+  rp.writeUint32(PIO0 + 0x58, 0x2020); // wait 0 pin, 0
+  rp.writeUint32(PIO0 + 0xc8, 20 << 16); // an edge each 640 cycles
+  rp.writeUint32(PIO0 + 0xcc, 1 << 12);
+  rp.writeUint32(PIO0 + 0xdc, (1 << 26) | (22 << 5));
+  rp.writeUint32(PIO0 + 0xcc + SM1, (4 << 12) | (2 << 7));
+  rp.writeUint32(PIO0 + 0xdc + SM1, 22 << 15);
+  rp.writeUint32(PIO0 + 0xd8 + SM1, 0x0002); // jmp 2
+  rp.writeUint32(0x40014000 + 22 * 8 + 4, 6);
+  rp.writeUint32(PIO0 + 0xd8, 0xe081); // set pindirs, 1
+  rp.writeUint32(PIO0 + INTE, 2);
+  rp.writeUint32(PIO0, 3);
+  const { setInterrupt } = rp.core;
+  let asked = null;
+  rp.core.setInterrupt = (irq, value) => {
+    if (irq === 7 && value) asked ??= it.cycle;
+    setInterrupt(irq, value);
+  };
+  it.run(it.cycle + 3000);
+  const [, , rise] = it.outputs.find(([pin, level]) => pin === 22 && level);
+  assert.ok(asked > rise && asked < rise + 16, `${asked}, risen at ${rise}`);
+});
+
 test('without its FIFO the receiver holds one character, and tells what it lost', () => {
   const it = board();
   const { rp } = it.chip;

@@ -306,7 +306,15 @@ export class Machine {
       if (channel.treqValue === this.dreqTx && channel.active) return true;
       if (channel.treqValue === this.dreqRx && channel.ctrl & DMA_EN && tells(channel)) return true;
     }
-    return this.usesFlags;
+    return this.usesFlags || this.drivesPins;
+  }
+
+  /** Whether it may change a pin, which another machine may look at: SET, OUT and side-set, where it has pins for them. */
+  get drivesPins() {
+    const { pinCtrl } = this;
+    const [sets, outs, sides] = [(pinCtrl >>> 26) & 7, (pinCtrl >>> 20) & 63, pinCtrl >>> 29];
+    const isOn = (op) => (op >>> 13 === 7 && sets) || (op >>> 13 === 3 && outs);
+    return sides > 0 || this.pio.instructions.some(isOn);
   }
 
   /** Whether a program of this block sets, clears or waits for interrupt flags. */
