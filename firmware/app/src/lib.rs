@@ -165,9 +165,10 @@ impl<F: Flash> App<F> {
             storage.erase();
         }
         let opened = measure.start(boot, storage, now);
-        guarded.follow(&measure.ledger.in_custody().config.access);
         guarded.end_wipe(now, &mut measure);
         guarded.compare(now, &mut measure);
+        guarded.follow(&measure.ledger.in_custody().config.access);
+        measure.take_up(now);
         self.line.note_settings(measure.line());
         Ok(opened)
     }

@@ -16,6 +16,7 @@ use umi_protocol::decoder::Decoder;
 use umi_protocol::frame::{
     Authenticated, Kind, MAX_BOARD_FRAME, MAX_HOST_FRAME, encode, encode_sealed,
 };
+use umi_protocol::hello::KEY as SCHEMA;
 use umi_protocol::message::{Record, Request, Response};
 use umi_tests::cases::job;
 use umi_virtual::board::KEY;
@@ -453,35 +454,81 @@ fn what_is_put_between_changes_nothing() {
     assert_eq!(info.mode, AccessMode::Claimed);
 }
 
-/// A host whose every frame comes twice at the board, its sealed ones behind a forged one of the same number.
-struct Meddled(HostEnd);
+/// A host whose every frame comes twice at the board, its sealed ones behind a forged one of the same number. In front of the
+/// board's answers to those stands what has no seal, cannot be read or is of another protocol.
+struct Meddled {
+    host: HostEnd,
+    put_in: Vec<u8>,
+}
+
+/// A frame of any content.
+fn frame(kind: u8, sequence: u16, schema: u32, message: &[u8]) -> Vec<u8> {
+    let mut content = vec![kind];
+    content.extend(sequence.to_le_bytes());
+    content.extend(schema.to_le_bytes());
+    content.extend(message);
+    let mut crc = u32::MAX;
+    for byte in &content {
+        crc ^= u32::from(*byte);
+        for _ in 0..8 {
+            crc = (crc >> 1) ^ (0xEDB8_8320 * (crc & 1));
+        }
+    }
+    content.extend((!crc).to_le_bytes());
+    let blocks = content.split(|byte| *byte == 0);
+    let coded = blocks.flat_map(|block| [&[block.len() as u8 + 1], block].concat());
+    [0].into_iter().chain(coded).chain([0]).collect()
+}
 
 impl Transport for Meddled {
     fn read(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
-        self.0.read_into(buffer, timeout)
+        if self.put_in.is_empty() {
+            return self.host.read_into(buffer, timeout);
+        }
+        let length = self.put_in.len().min(buffer.len());
+        for (place, byte) in buffer.iter_mut().zip(self.put_in.drain(..length)) {
+            *place = byte;
+        }
+        Ok(length)
     }
 
     fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
         let mut decoder = Decoder::<MAX_HOST_FRAME>::new();
-        let frame = decoder.next_frame(&mut &bytes[..]).expect("a frame");
-        if frame.kind == Kind::SealedRequest {
+        let sent = decoder.next_frame(&mut &bytes[..]).expect("a frame");
+        let sequence = sent.sequence;
+        if sent.kind == Kind::SealedRequest {
             let lock = Request::LockSet { locked: true };
             let mut out = [0; MAX_HOST_FRAME];
-            let forged = encode_sealed(frame.sequence, &lock, 1 << 40, &|_| [0x5A; 16], &mut out);
-            self.0.write(forged.unwrap())?;
+            let forged = encode_sealed(sequence, &lock, 1 << 40, &|_| [0x5A; 16], &mut out);
+            self.host.write(forged.unwrap())?;
+            let (response, event) = (3, 4);
+            let ours = SCHEMA as u32;
+            for (kind, schema, message) in [
+                (response, ours, &[0xFF, 0xFF, 0xFF][..]),
+                (response, ours ^ 1, &[0]),
+                (response, ours, &[0]),
+                (event, ours, &[0xFF, 0xFF]),
+                (event, ours ^ 1, &[0]),
+            ] {
+                self.put_in.extend(frame(kind, sequence, schema, message));
+            }
         }
-        self.0.write(bytes)?;
-        self.0.write(bytes)
+        self.host.write(bytes)?;
+        self.host.write(bytes)
     }
 }
 
 /// What somebody puts between and doubles does not end an honest session: neither while it is proven nor by an
-/// answer that says, without a seal, that there is none.
+/// answer that says, without a seal, that there is none, or that is no answer at all.
 #[test]
 fn what_is_put_between_ends_no_session() {
     let board = VirtualBoard::start(config()).unwrap();
     claim(&board);
-    let mut client = Client::new(Box::new(Meddled(board.connect()))).unwrap();
+    let meddled = Meddled {
+        host: board.connect(),
+        put_in: Vec::new(),
+    };
+    let mut client = Client::new(Box::new(meddled)).unwrap();
     assert_eq!(client.authenticate(&secret(OWNER)).unwrap(), Role::Owner);
     for locked in [true, false] {
         assert!(client.lock(locked).unwrap());

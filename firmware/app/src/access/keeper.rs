@@ -7,16 +7,18 @@
 //! rest looks like one that a power cut tore, and the one before it must not be an older state. Where keys
 //! or the lock change, the second stands in another sector, so that no damage of one sector brings a revoked key back.
 //! Where something was kept and cannot be read, the board is locked and nobody has a key: never open.
-//! So it is where nothing is there any more and [`crate::measure::trust::custody`] knows of an owner.
+//! So it is where nothing is there any more, or only what is older than [`crate::measure::trust::custody`] knows. A damaged
+//! area is begun anew then, so that the starts with the jumper closed are counted. Where a sector's header is damaged and
+//! custody knows that what is left is the newest, nothing is lost.
 
-use umi_core::journal::{Flash, Journal};
-use umi_core::trust::access::register::{KeyRegister, Wiping};
+use umi_core::journal::{Flash, Journal, JournalError, NotOpened};
+use umi_core::trust::access::register::{Age, KeyRegister, Wiping};
 use umi_core::trust::access::session::{BoardHandshake, BoardSession, SignatureParts};
 use umi_core::trust::access::tries::Tries;
 use umi_core::trust::board_key::key_id;
 use umi_core::units::Micros;
 use umi_protocol::access::{
-    AccessChange, AccessRefusal, KeyInfo, MAX_KEYS, Role, SessionAsk, SessionChallenge,
+    AccessChange, AccessMode, AccessRefusal, KeyInfo, MAX_KEYS, Role, SessionAsk, SessionChallenge,
 };
 use umi_protocol::config::AccessConfig;
 use umi_protocol::frame::{Authenticated, CODE};
@@ -28,11 +30,69 @@ use super::proof::{Draw, Work, Worked};
 use super::{Caller, KeysNotKept, Slowed, Told};
 use crate::measure::trust::signer::HeadSigner;
 
-/// Kind number of the only entry there is. A later layout gets another.
+/// Kind number of the only entry there is. A later layout that the firmware before cannot read gets another.
 const KIND: u8 = 1;
 
 /// Bytes of an entry, at most: the keys and some numbers.
 const MOST: usize = 128 + MAX_KEYS * max_len::<KeyInfo>();
+
+/// The area of the keys.
+enum Area<F: Flash> {
+    Open(Journal<F>),
+    /// It holds something else than a journal.
+    Damaged(F),
+    /// Its flash does not answer: nothing is known of what it holds.
+    Unreachable,
+}
+
+impl<F: Flash> Area<F> {
+    fn ring(&mut self) -> Option<&mut Journal<F>> {
+        match self {
+            Self::Open(ring) => Some(ring),
+            Self::Damaged(_) | Self::Unreachable => None,
+        }
+    }
+
+    /// Erases one that is damaged. A power cut on the way leaves one that is damaged, or looks new.
+    fn begin_anew(&mut self) {
+        *self = match core::mem::replace(self, Self::Unreachable) {
+            Self::Damaged(mut flash) => match Journal::format(&mut flash) {
+                Ok(()) => Self::opened(flash).0,
+                Err(_) => Self::Damaged(flash),
+            },
+            as_it_is => as_it_is,
+        };
+    }
+
+    /// Opens it, and says whether what counts may stand where it cannot be read.
+    fn opened(flash: F) -> (Self, bool) {
+        match Journal::open_or_return(flash) {
+            Ok((ring, recovery)) => (Self::Open(ring), recovery.damaged_headers > 0),
+            Err(NotOpened {
+                error: JournalError::Flash(_),
+                ..
+            }) => (Self::Unreachable, true),
+            Err(damaged) => (Self::Damaged(damaged.flash), true),
+        }
+    }
+
+    /// What was kept last; none: it cannot be read.
+    fn newest(&mut self) -> Option<KeyRegister> {
+        let ring = self.ring()?;
+        let Some(newest) = ring.next_seq().checked_sub(1) else {
+            return Some(KeyRegister::default());
+        };
+        let mut room = [0; MOST];
+        match ring.read(newest, &mut room) {
+            Ok(found) if found.entry.kind == KIND => KeyRegister::read(found.entry.payload),
+            Err(JournalError::Flash(_)) => {
+                *self = Self::Unreachable;
+                None
+            }
+            _ => None,
+        }
+    }
+}
 
 /// Says whether the jumper is closed now.
 pub type Jumper = fn() -> bool;
@@ -40,9 +100,10 @@ pub type Jumper = fn() -> bool;
 /// What a board with an owner knows: the keys, and the session. Every error of its flash is
 /// [`KeysNotKept`]: nothing has changed.
 pub struct Keeper<F: Flash> {
-    /// None: the area cannot be opened. Then nothing is kept, and nobody has a key.
-    ring: Option<Journal<F>>,
+    area: Area<F>,
     register: KeyRegister,
+    /// What was kept cannot be read, or may be older than what cannot be read: until [`Self::settle`] nobody has a key.
+    is_doubtful: bool,
     tries: Tries,
     jumper: Jumper,
     /// Whether it was closed at the start.
@@ -69,22 +130,24 @@ impl<F: Flash> Keeper<F> {
         draw: Draw,
         now: Micros,
     ) -> Self {
-        let (ring, register) = match Journal::open(flash) {
-            // Entries behind a header that cannot be read may have been newer.
-            Ok((ring, recovery)) if recovery.damaged_headers > 0 => {
-                (Some(ring), KeyRegister::lost())
+        let (mut area, mut is_doubtful) = Area::opened(flash);
+        let found = area.newest();
+        is_doubtful |= found.is_none();
+        let register = match found {
+            Some(found) if !is_doubtful => found,
+            // Who had begun a wipe has no key to lose.
+            found => {
+                let mut lost = KeyRegister::lost();
+                lost.wiping = found.and_then(|found| found.wiping);
+                lost
             }
-            Ok((mut ring, _)) => {
-                let register = newest(&mut ring);
-                (Some(ring), register)
-            }
-            Err(_) => (None, KeyRegister::lost()),
         };
         let at_start = jumper();
         let tries = Tries::new(register.wrong_keys, now);
         let mut keeper = Self {
-            ring,
+            area,
             register,
+            is_doubtful,
             tries,
             jumper,
             at_start,
@@ -96,19 +159,33 @@ impl<F: Flash> Keeper<F> {
             heard: Micros(0),
             idle_us: AccessConfig::NEW.session_idle_us(),
         };
-        if let Some(started) = keeper.register.started(at_start) {
-            // What is not kept is counted by the next start.
-            let _ = keeper.save(now, started);
+        if !is_doubtful {
+            keeper.count_start(now);
         }
         keeper
+    }
+
+    /// Whether a wipe has begun in this area and not ended, for who opens what else the board keeps.
+    pub fn is_wiping(flash: &mut F) -> bool {
+        let register = Area::opened(flash).0.newest();
+        register.is_some_and(|register| register.wiping.is_some())
+    }
+
+    fn count_start(&mut self, now: Micros) {
+        if let Some(started) = self.register.started(self.at_start) {
+            // What is not kept is counted by the next start.
+            let _ = self.save(now, started);
+        }
     }
 
     #[inline(never)]
     fn save(&mut self, now: Micros, register: KeyRegister) -> Result<(), KeysNotKept> {
         let mut room = [0; MOST];
         let payload = postcard::to_slice(&register, &mut room).map_err(|_| KeysNotKept)?;
-        let ring = self.ring.as_mut().ok_or(KeysNotKept)?;
-        let is_apart = !register.grants_as(&self.register);
+        let ring = self.area.ring().ok_or(KeysNotKept)?;
+        let is_apart = register.age() != self.register.age()
+            || !register.grants_as(&self.register)
+            || self.is_doubtful;
         for copy in 0..2 {
             if is_apart && copy > 0 {
                 ring.turn();
@@ -144,19 +221,6 @@ impl<F: Flash> Keeper<F> {
             let _ = self.save(now, register);
         }
     }
-}
-
-/// What was kept last: the newest entry.
-fn newest<F: Flash>(ring: &mut Journal<F>) -> KeyRegister {
-    let Some(newest) = ring.next_seq().checked_sub(1) else {
-        return KeyRegister::default();
-    };
-    let mut room = [0; MOST];
-    let found = ring.read(newest, &mut room).ok();
-    found
-        .filter(|found| found.entry.kind == KIND)
-        .and_then(|found| postcard::from_bytes(found.entry.payload).ok())
-        .unwrap_or_else(KeyRegister::lost)
 }
 
 /// What becomes of the register, and what is told; none: it is so already.
@@ -221,18 +285,89 @@ impl<F: Flash> Keeper<F> {
         match changed(&self.register, request, caller)? {
             // It is so already.
             None => Ok(true),
-            // The record first.
-            Some((register, told)) => Ok(tell(told) && self.save(now, register).is_ok()),
+            Some((register, told)) => {
+                if self.register.mode() == AccessMode::Open {
+                    // A record of an owner whose key was not kept would lock the board at the next start.
+                    let claiming = self.register.with_claim(true);
+                    if self.save(now, claiming).is_err() {
+                        return Ok(false);
+                    }
+                }
+                // The record first.
+                Ok(tell(told) && self.save(now, register).is_ok())
+            }
         }
     }
 
-    /// Keys were kept, and there are none any more: as where they cannot be read.
+    /// Where what counts cannot be read, or may be older: takes what is left, if custody knows that it is the newest, or that
+    /// there never was a key. False: nobody knows, and nobody has a key.
     #[inline(never)]
-    pub fn lose(&mut self, now: Micros) {
-        if self.save(now, KeyRegister::lost()).is_err() {
-            // The next start finds it so, too.
+    pub fn settle(&mut self, now: Micros, known: Option<Age>) -> bool {
+        if !self.is_doubtful {
+            return true;
+        }
+        let found = self.area.newest();
+        let known = known.filter(|_| self.is_reachable());
+        let register = match (found, known) {
+            (Some(found), Some(known)) if found.age().keys == known.keys => found,
+            (None, Some(Age { keys: 0, .. })) => KeyRegister::default(),
+            _ => return false,
+        };
+        self.area.begin_anew();
+        self.tries = Tries::new(register.wrong_keys, now);
+        // Twice again, and further round the ring: in time over what is damaged.
+        if self.save(now, register.clone()).is_err() {
+            self.register = register;
+        }
+        self.is_doubtful = false;
+        self.count_start(now);
+        true
+    }
+
+    /// Whether the flash of the area answers.
+    #[must_use]
+    pub fn is_reachable(&self) -> bool {
+        !matches!(self.area, Area::Unreachable)
+    }
+
+    /// Nobody has a key until the next start.
+    pub fn lock(&mut self) {
+        self.register = KeyRegister::lost();
+    }
+
+    /// Keys were kept, and there are none any more, or only older ones: nobody has a key. A damaged area is begun anew, if
+    /// custody knows already that the board has an owner.
+    #[inline(never)]
+    pub fn lose(&mut self, now: Micros, age: Age, is_known: bool) {
+        if is_known {
+            self.area.begin_anew();
+        }
+        // What is not kept is found so by the next start, too.
+        if self.save(now, KeyRegister::lost().aged(age)).is_err() {
             self.register = KeyRegister::lost();
         }
+        self.is_doubtful = false;
+        self.count_start(now);
+    }
+
+    /// Keeps how often the configuration was changed, if that is not known yet.
+    ///
+    /// # Errors
+    /// [`KeysNotKept`].
+    pub fn note_config(&mut self, now: Micros, config: u32) -> Result<(), KeysNotKept> {
+        let age = self.register.age();
+        if age.config == config {
+            return Ok(());
+        }
+        let register = self.register.clone();
+        self.save(now, register.aged(Age { config, ..age }))
+    }
+
+    /// What the journal tells of an owner from before now was a claim that a power cut has ended.
+    pub fn claim_has_ended(&mut self, now: Micros) {
+        let register = self.register.with_claim(false);
+        // The next start tries again.
+        let _ = self.save(now, register);
     }
 
     /// Keeps that a wipe has begun. After `Ok` it survives a power cut.
@@ -242,6 +377,7 @@ impl<F: Flash> Keeper<F> {
     pub fn begin_wipe(&mut self, now: Micros, wiping: Wiping) -> Result<(), KeysNotKept> {
         let mut register = self.register.clone();
         register.wiping = Some(wiping);
+        self.area.begin_anew();
         self.save(now, register)
     }
 
@@ -252,14 +388,15 @@ impl<F: Flash> Keeper<F> {
     pub fn forget(&mut self, now: Micros) -> Result<(), KeysNotKept> {
         self.disconnected();
         self.tries = Tries::default();
-        let oldest = |keeper: &Self| keeper.ring.as_ref().map_or(0, Journal::first_seq);
-        let last = self.ring.as_ref().map_or(0, Journal::next_seq);
+        let oldest = |keeper: &mut Self| keeper.area.ring().map_or(0, |ring| ring.first_seq());
+        let last = self.area.ring().map_or(0, |ring| ring.next_seq());
         // Once round: what stood before is erased. This start is one with the jumper as it was.
         let fresh = KeyRegister::default();
         let fresh = fresh.started(self.at_start).unwrap_or(fresh);
         while oldest(self) < last {
             self.save(now, fresh.clone())?;
         }
+        self.is_doubtful = false;
         Ok(())
     }
 

@@ -24,8 +24,9 @@ use proof::Prover;
 pub use proof::{Draw, Work, Worked};
 
 use umi_core::journal::Flash;
+use umi_core::journal::archive::Archive;
 use umi_core::trust::access::permit::{permit, permit_role};
-use umi_core::trust::access::register::Wiping;
+use umi_core::trust::access::register::{Age, Wiping};
 use umi_core::units::Micros;
 use umi_core::zero_option::ZeroOption;
 use umi_protocol::access::{
@@ -36,7 +37,8 @@ use umi_protocol::frame::{Authenticated, CODE, Frame};
 use umi_protocol::immediate::{ImmediateRequest, SessionRequest};
 use umi_protocol::message::{Record, Request, Response};
 
-use crate::measure::Instrument;
+use crate::measure::opening::ACCESS;
+use crate::measure::{Instrument, Ledger};
 
 /// Who has sent a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -207,20 +209,14 @@ impl<F: Flash> Guarded<F> {
         }
     }
 
-    /// Compares the keys with what is known elsewhere: a board that had an owner has one, for the last one
-    /// stays. Told at each start as long as the keys are lost.
+    /// Compares the keys, what is kept for the owner, and the evidence. Where one of them knows of an owner the board is not
+    /// open, for the last one stays; where keys or configuration are older than another knows they do not count, and the
+    /// strictest does. What is known is kept where it was not. Told at each start as long as the keys are lost.
     pub fn compare(&mut self, now: Micros, measure: &mut Instrument<F>) {
         let Some(keeper) = self.keeper() else {
             return;
         };
-        let custody = measure.ledger.custody.get_mut();
-        if let Some(custody) = custody {
-            let is_open = keeper.register().mode() == AccessMode::Open;
-            if is_open && custody.is_owned() {
-                keeper.lose(now);
-            }
-            custody.own(!is_open);
-        }
+        compare(now, keeper, &mut measure.ledger);
         if keeper.register().is_lost() {
             let told = Told {
                 what: AccessChange::Locked,
@@ -228,6 +224,16 @@ impl<F: Flash> Guarded<F> {
                 role: Role::None,
             };
             measure.tell_access(now, told, None);
+        }
+    }
+
+    /// The owner has set the configuration so often: known to the keys' area, too.
+    pub fn note_config(&mut self, now: Micros, measure: &mut Instrument<F>) {
+        let custody = measure.ledger.custody.get();
+        if let (Some(keeper), Some(custody)) = (self.keeper(), custody)
+            && keeper.note_config(now, custody.marks().age.config).is_err()
+        {
+            measure.ledger.refused();
         }
     }
 
@@ -249,6 +255,69 @@ impl<F: Flash> Guarded<F> {
         {
             measure.ledger.refused();
         }
+    }
+}
+
+/// What [`Guarded::compare`] does.
+#[inline(never)]
+fn compare<F: Flash>(now: Micros, keeper: &mut Keeper<F>, ledger: &mut Ledger<F>) {
+    let Some(custody) = ledger.custody.get_mut() else {
+        // Nothing knows better.
+        return;
+    };
+    let known = custody.marks();
+    let is_settled = keeper.settle(now, custody.known());
+    let register = keeper.register();
+    let found = register.age();
+    let (is_open, is_claiming) = (register.mode() == AccessMode::Open, register.is_claiming());
+    let mut marks = known;
+    let mut is_told = false;
+    if is_open && let Some(evidence) = ledger.journal.get_mut() {
+        (is_told, marks.looked_to) = evidence.tells(ACCESS, known.looked_to);
+        is_told &= !is_claiming;
+    }
+    let is_lost =
+        !is_settled || found.keys < known.age.keys || is_open && (known.is_owned || is_told);
+    if !keeper.is_reachable() || !custody.is_reachable() {
+        // What does not answer now may be whole at the next start: nothing is kept of what cannot be known.
+        if is_lost {
+            keeper.lock();
+        }
+        return;
+    }
+    // The keys know of a later configuration; the evidence, of an owner. Where custody is one change of the keys behind, the
+    // power was cut between the two; where it is more, it is of another time.
+    let is_old = match is_lost {
+        true => is_told && !known.is_owned,
+        false => found.config > known.age.config || found.keys > known.age.keys.saturating_add(1),
+    };
+    marks.is_owned = is_lost || !is_open;
+    marks.age = Age {
+        keys: match is_lost {
+            true => found.keys.max(known.age.keys).saturating_add(1),
+            false => found.keys,
+        },
+        config: found.config.max(known.age.config),
+    };
+    let is_kept = if is_old {
+        custody.distrust(now, marks)
+    } else if is_claiming {
+        custody.keep_marks(now, marks)
+    } else {
+        // A start alone writes nothing anew that a firmware before has kept.
+        custody.note(now, marks, !is_lost && found.keys == 0)
+    };
+    if is_old {
+        ledger.tell_config(now);
+    }
+    if is_lost {
+        // What is begun anew looks new where the power is cut: custody knows of the owner before.
+        keeper.lose(now, marks.age, is_kept.is_ok());
+    } else if is_claiming && is_kept.is_ok() {
+        keeper.claim_has_ended(now);
+    }
+    if keeper.note_config(now, marks.age.config).is_err() || is_kept.is_err() {
+        ledger.refused();
     }
 }
 
@@ -299,12 +368,13 @@ pub(crate) fn answer<F: Flash>(
         Request::KeyList => Response::Keys(keeper.register().keys().clone()),
         Request::SessionBegin(ask) => begin(measure, keeper, now, ask),
         Request::SessionProve { .. } => prove(measure, keeper, now),
-        _ if keeper.board_key().is_none() => Response::NotOnThisBoard,
+        // Also where the board's own key is damaged: the wipe draws another.
         Request::Wipe => {
             let begun = begin_wipe(measure, keeper, now, caller);
             guarded.restarts |= begun;
             done(begun)
         }
+        _ if keeper.board_key().is_none() => Response::NotOnThisBoard,
         _ => match change(measure, keeper, now, caller, request) {
             Ok(kept) => done(kept),
             Err(why) => refused(measure, now, why, caller.key_id, why),
@@ -345,8 +415,7 @@ fn begin_wipe<F: Flash>(
     now: Micros,
     caller: &Caller,
 ) -> bool {
-    let wiping = measure.to_be_wiped(caller);
-    wiping.is_some_and(|wiping| keeper.begin_wipe(now, wiping).is_ok())
+    keeper.begin_wipe(now, measure.to_be_wiped(caller)).is_ok()
 }
 
 /// Does what an owner asks; false: it is not kept.
@@ -363,7 +432,7 @@ fn change<F: Flash>(
         measure.tell_access(now, told, by)
     })?;
     if kept && keeper.register().mode() != AccessMode::Open {
-        measure.note_owner(now);
+        measure.note_owner(now, keeper.register().age());
     }
     Ok(kept)
 }
@@ -424,14 +493,14 @@ impl<F: Flash> Instrument<F> {
 }
 
 impl<F: Flash> Instrument<F> {
-    /// What a wipe takes away; none: the journal cannot be read, and nothing could be told.
-    fn to_be_wiped(&self, caller: &Caller) -> Option<Wiping> {
-        let journal = self.ledger.journal.get()?;
-        Some(Wiping {
-            first_seq: journal.first_seq(),
-            next_seq: journal.next_seq(),
-            chain: journal.chain_head().0,
+    /// What a wipe takes away; of a journal that cannot be read, nothing is known.
+    fn to_be_wiped(&self, caller: &Caller) -> Wiping {
+        let journal = self.ledger.journal.get();
+        Wiping {
+            first_seq: journal.map_or(0, Archive::first_seq),
+            next_seq: journal.map_or(0, Archive::next_seq),
+            chain: journal.map_or([0; 32], |journal| journal.chain_head().0),
             key_id: caller.key_id,
-        })
+        }
     }
 }

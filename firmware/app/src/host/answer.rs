@@ -196,7 +196,7 @@ fn journal<F: Flash>(
     measure: &mut Instrument<F>,
     answer: impl FnOnce(&mut Archive<F>, u64) -> Response,
 ) -> Response {
-    let acked = measure.ledger.in_custody().acked;
+    let acked = measure.ledger.acked();
     match measure.ledger.journal.get_mut() {
         Some(journal) => answer(journal, acked),
         None => Response::StorageFailed,
@@ -296,6 +296,7 @@ fn set_config<F: Flash>(
     match measure.set_config(now, config) {
         Ok(()) => {
             guarded.follow(&config.access);
+            guarded.note_config(now, measure);
             Response::Done
         }
         Err(ConfigError::Field(field)) => Response::ConfigRefused(field),

@@ -16,6 +16,7 @@ use umi_protocol::message::{Record, Response};
 use umi_protocol::program::{MAX_PIECE, Piece, ProgramInfo, ProgramRefusal, Release};
 
 use crate::measure::Instrument;
+use crate::measure::owner::SMALL;
 
 /// What came of a request about programs.
 pub(crate) type Answer<F> = Result<Response, StoreError<<F as Flash>::Error>>;
@@ -189,6 +190,11 @@ pub(crate) fn delete<F: Flash>(
 ) -> Result<(), StoreError<F::Error>> {
     let store = writable(measure)?;
     let program = store.find(number).ok_or(ProgramRefusal::NotThere)?;
+    // Never a deed without its record.
+    let journal = measure.ledger.journal.get_mut();
+    if journal.is_some_and(|journal| !journal.takes(SMALL, false)) {
+        return Err(StoreError::NotKept { addr: 0 });
+    }
     // Each is a piece of evidence. A host asks again.
     if !measure.ledger.deletions.take(now) {
         return Err(ProgramRefusal::Busy.into());

@@ -3,8 +3,8 @@
 use heapless::{String, Vec};
 use umi_core::brain::Output;
 use umi_core::job::Teaching;
-use umi_core::journal::Flash;
 use umi_core::journal::archive::{Archive, FIELDS, ROOM as RECORD_ROOM};
+use umi_core::journal::{Flash, JournalError};
 use umi_core::registration::RigidTransform;
 use umi_core::units::Micros;
 use umi_core::zero_option::ZeroOption;
@@ -57,6 +57,10 @@ pub(crate) struct Ledger<F: Flash> {
     pub changes: Bucket<64, 2_000_000>,
     /// The same of programs that are deleted: a flood of them takes no turn of what is in force.
     pub deletions: Bucket<64, 2_000_000>,
+    /// How often what a host acknowledges is kept at once. What comes on top is kept together, later.
+    pub acks: Bucket<8, 60_000_000>,
+    /// A host has acknowledged the entries before this one, and it is not kept yet.
+    pub acked: ZeroOption<u64>,
     /// The latest verdict has released nothing because the journal is full.
     pub is_held_back: bool,
     /// Faults that are counted and not told yet.
@@ -116,6 +120,8 @@ impl<F: Flash> Ledger<F> {
             refusals: Refusals::new(),
             changes: Bucket::new(),
             deletions: Bucket::new(),
+            acks: Bucket::new(),
+            acked: ZeroOption::empty(),
             is_held_back: false,
             repeats: RepeatedFaults::new(),
             failures: 0,
@@ -186,17 +192,28 @@ impl<F: Flash> Ledger<F> {
         let appended = encoded
             .ok()
             .zip(self.journal.get_mut())
-            .and_then(|(len, journal)| {
+            .map(|(len, journal)| {
                 let room = &mut self.scratch;
-                journal.append(record.kind(), now, room, len).ok()
+                journal.append(record.kind(), now, room, len)
             });
         match appended {
-            Some(number) => {
+            Some(Ok(number)) => {
                 *seq = number;
                 self.events.push(event);
                 true
             }
-            None => {
+            // Counted, and the inputs are all there: only without what a start or a host has put in
+            // force could nobody audit what follows.
+            Some(Err(JournalError::Full))
+                if !matches!(
+                    record,
+                    Record::Boot { .. } | Record::JobSet { .. } | Record::ReferenceRestored { .. }
+                ) =>
+            {
+                self.failures = self.failures.saturating_add(1);
+                false
+            }
+            _ => {
                 self.refused();
                 false
             }
@@ -379,14 +396,13 @@ impl<F: Flash> Ledger<F> {
                 self.verdicts_ok = self.verdicts_ok.saturating_add(u32::from(verdict.ok));
                 self.last_ok.put(verdict.ok);
                 self.released.clear();
-                self.heads.judged();
                 let is_kept = self.judged(now, verdict);
-                self.is_held_back = false;
-                if is_kept && verdict.ok && !self.unaudited {
-                    self.is_held_back = self.is_full();
-                    if !self.is_held_back {
-                        self.release(now, verdict);
-                    }
+                if is_kept {
+                    self.heads.judged();
+                }
+                self.is_held_back = verdict.ok && !self.unaudited && self.is_full();
+                if is_kept && verdict.ok && !self.unaudited && !self.is_held_back {
+                    self.release(now, verdict);
                 }
             }
         }

@@ -26,8 +26,8 @@ pub(crate) mod delivery;
 mod events;
 mod faults;
 mod ledger;
-mod opening;
-mod owner;
+pub(crate) mod opening;
+pub(crate) mod owner;
 pub(crate) mod release;
 mod sensed;
 pub(crate) mod settings;
@@ -171,6 +171,7 @@ impl<F: Flash> Instrument<F> {
             ledger.too_old(),
             ledger.repeats.due(),
             ledger.refusals.due(),
+            ledger.ack_due(),
         ];
         times.into_iter().flatten().min()
     }
@@ -188,6 +189,9 @@ impl<F: Flash> Instrument<F> {
         }
         if ledger.refusals.due().is_some_and(|due| now >= due) {
             ledger.tell_refusals(now);
+        }
+        if ledger.ack_due().is_some_and(|due| now >= due) {
+            ledger.keep_late_ack(now);
         }
         if brain.deadline().is_none_or(|deadline| now < deadline) {
             return;
@@ -226,6 +230,11 @@ impl<F: Flash> Instrument<F> {
         }
         if !ledger.changes.take(now) {
             return Err(SetJobError::Job(JobError::TooOften));
+        }
+        // A job whose record finds no room could not be audited.
+        let journal = ledger.journal.get_mut();
+        if !journal.is_some_and(|journal| journal.takes(MAX_RECORD, true)) {
+            return Err(SetJobError::Storage);
         }
         // Neither is dropped for the other.
         ledger

@@ -12,7 +12,7 @@ use crate::board::LineAbilities;
 use crate::measure::settings::{JobStore, points};
 use crate::measure::trust::custody::Custody;
 use crate::measure::trust::signer::HeadSigner;
-use crate::measure::{Instrument, patience_us};
+use crate::measure::{Instrument, Ledger, patience_us};
 
 /// How the board came up.
 #[derive(Clone)]
@@ -70,13 +70,13 @@ pub struct Opened<E> {
     pub programs: Result<(), programs::StoreError<E>>,
 }
 
-/// Kinds of records that say that keys, or a configuration, were kept.
-const ACCESS: u8 = 30;
+/// Kind of records that say that keys were kept.
+pub(crate) const ACCESS: u8 = 30;
+/// The same of a configuration.
 const CONFIG_SET: u8 = 28;
 
 impl<F: Flash> Instrument<F> {
-    /// Starts: opens journal and settings and takes up the job and the reference
-    /// that were in force.
+    /// Starts: opens journal and settings. The job and the reference come next, under the ceilings that are in force then.
     ///
     /// A storage area that cannot be opened stops nothing: the board runs and answers,
     /// counts every entry that it cannot keep, shows trouble, sends no correction, and
@@ -103,6 +103,12 @@ impl<F: Flash> Instrument<F> {
         self.ledger.skip_ends = skip_ends;
         self.ledger.heads.start(signer, now);
         let boot = Record::Boot { identity, reset };
+        // Before the journal: what is acknowledged says what it may overwrite.
+        let custody = custody.map(Custody::open);
+        let is_new = custody.as_ref().is_some_and(Custody::is_new);
+        if let Some(custody) = custody {
+            self.ledger.custody.put(custody);
+        }
         let opened = Opened {
             journal: self.open_journal(now, boot, journal, evidence),
             settings: JobStore::open(settings).map(|settings| self.settings.put(settings)),
@@ -111,12 +117,14 @@ impl<F: Flash> Instrument<F> {
         if opened.settings.is_err() {
             self.ledger.refused();
         }
-        if let Some(custody) = custody {
-            self.open_custody(now, custody);
-        }
+        self.take_custody(now, is_new);
+        opened
+    }
+
+    /// Takes up the job and the reference that were in force, under the ceilings that are in force now.
+    pub(crate) fn take_up(&mut self, now: Micros) {
         self.restore(now);
         self.restore_sensor(now);
-        opened
     }
 
     #[inline(never)]
@@ -144,6 +152,7 @@ impl<F: Flash> Instrument<F> {
             (Some(evidence), Some(archive)) => archive.keep_evidence(evidence, &mut ledger.scratch),
             _ => Ok(()),
         };
+        self.ledger.hold_evidence();
         self.ledger.record(now, boot);
         let recovery = opened.map_err(ArchiveFault::Journal)?;
         self.ledger.is_new = recovery.fresh;
@@ -165,17 +174,18 @@ impl<F: Flash> Instrument<F> {
 
     /// Takes up what is kept for the owner.
     #[inline(never)]
-    fn open_custody(&mut self, now: Micros, flash: F) {
-        let mut custody = Custody::open(flash);
+    fn take_custody(&mut self, now: Micros, is_new: bool) {
+        let Ledger {
+            custody, journal, ..
+        } = &mut self.ledger;
         // Only where nothing was ever kept, or everything of it is gone: the evidence says which.
-        if custody.is_new()
-            && let Some(journal) = self.ledger.journal.get_mut()
+        if let (true, Some(custody), Some(journal)) = (is_new, custody.get_mut(), journal.get_mut())
         {
-            let [is_owned, is_lost] = journal.tells([ACCESS, CONFIG_SET]);
-            custody.begin(now, is_owned, is_lost);
+            let (is_lost, _) = journal.tells(CONFIG_SET, 0);
+            custody.begin(now, is_lost);
         }
-        let config = custody.kept().config;
-        self.ledger.custody.put(custody);
+        self.ledger.hold_evidence();
+        let config = self.ledger.in_custody().config;
         if config != BoardConfig::default() {
             self.ledger.record(now, Record::ConfigSet(config));
         }

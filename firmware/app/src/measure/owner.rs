@@ -2,6 +2,7 @@
 
 use umi_core::journal::Flash;
 use umi_core::journal::archive::Archive;
+use umi_core::trust::access::register::Age;
 use umi_core::units::Micros;
 use umi_protocol::access::{AccessRefusal, KeyId};
 use umi_protocol::config::{BoardConfig, WhenFull};
@@ -13,37 +14,38 @@ use crate::measure::trust::custody::{AckError, ConfigError, Custody, Kept, NOTHI
 use crate::measure::{Instrument, Ledger};
 
 /// Room for evidence below which nothing goes out any more where the owner wants it kept: more
-/// than is erased ahead.
+/// than is erased ahead, and enough for what an OK verdict still causes.
 const MARGIN: u32 = 6 * MAX_RECORD as u32;
+
+/// Bytes of a record of a few numbers.
+pub(crate) const SMALL: usize = 64;
 
 impl<F: Flash> Instrument<F> {
     /// A host keeps elsewhere what stands before entry `seq`.
+    ///
+    /// Of many within a short time the latest is kept within a minute. Without power until then it is
+    /// forgotten: those entries are not acknowledged, and a host says so again.
     ///
     /// # Errors
     /// [`AckError`]: nothing has changed.
     pub(crate) fn acknowledge(&mut self, now: Micros, seq: u64) -> Result<(), AckError> {
         let ledger = &mut self.ledger;
-        let journal = ledger.journal.get_mut().ok_or(AckError::Storage)?;
-        let custody = ledger.custody.get_mut().ok_or(AckError::NotOnThisBoard)?;
+        let journal = ledger.journal.get().ok_or(AckError::Storage)?;
+        if !ledger.custody.is_some() {
+            return Err(AckError::NotOnThisBoard);
+        }
         if seq > journal.next_seq() {
             return Err(AckError::NoEntry);
         }
-        let kept = *custody.kept();
-        if seq <= kept.acked {
+        if seq <= ledger.acked() {
             return Ok(());
         }
-        let mut lost_from = |from| journal.lost_from(from).map_err(|_| AckError::Storage);
-        let lost = lost_from(kept.acked)?.saturating_sub(lost_from(seq)?);
-        // A record costs room for evidence: one for each acknowledgement only where it tells a loss.
-        // It comes first, for behind the deed nobody could count the loss again.
-        let is_told = lost > 0 || ledger.changes.take(now);
-        if is_told && !ledger.record(now, Record::Acknowledged { seq, lost }) {
-            return Err(AckError::Storage);
+        if ledger.acks.take(now) {
+            return ledger.keep_ack(now, seq);
         }
-        let custody = ledger.custody.get_mut();
-        let custody = custody.ok_or(AckError::NotOnThisBoard)?;
-        let kept = Kept { acked: seq, ..kept };
-        custody.save(now, kept).map_err(|_| AckError::Storage)
+        // Each costs room for evidence, and cells: many are kept as one.
+        ledger.acked.put(seq);
+        Ok(())
     }
 
     /// Replaces what the owner allows.
@@ -76,20 +78,20 @@ impl<F: Flash> Instrument<F> {
         }
         let custody = ledger.custody.get_mut();
         if custody.is_some_and(|custody| custody.save(now, kept).is_ok()) {
+            ledger.hold_evidence();
             return Ok(());
         }
         ledger.record(now, Record::ConfigSet(before));
         Err(ConfigError::Storage)
     }
 
-    /// The board has an owner: known here, too, should the area of the keys be erased.
-    pub(crate) fn note_owner(&mut self, now: Micros) {
-        if let Some(custody) = self.ledger.custody.get_mut()
-            && !custody.is_owned()
-        {
-            custody.own(true);
-            let kept = *custody.kept();
-            if custody.save(now, kept).is_err() {
+    /// The board has an owner, and its keys are of this age: known here, too, should their area be erased or an older copy
+    /// of it be put back.
+    pub(crate) fn note_owner(&mut self, now: Micros, age: Age) {
+        if let Some(custody) = self.ledger.custody.get_mut() {
+            let mut marks = custody.marks();
+            (marks.is_owned, marks.age.keys) = (true, age.keys);
+            if custody.note(now, marks, false).is_err() {
                 self.ledger.refused();
             }
         }
@@ -134,6 +136,11 @@ impl<F: Flash> Instrument<F> {
         if latest != Micros(0) && now.0.saturating_sub(latest.0) < LEAST_US {
             return true;
         }
+        let journal = ledger.journal.get_mut();
+        if journal.is_some_and(|journal| !journal.takes(SMALL, false)) {
+            // Who comes to pull a full journal must not fail by it, and nothing rests on it.
+            return true;
+        }
         let key_id = ledger.by.get().copied();
         let kept = ledger.record(now, Record::HostTime { utc_s, key_id });
         if kept {
@@ -159,9 +166,71 @@ impl<F: Flash> Ledger<F> {
         }
     }
 
+    /// Journals the configuration that is in force.
+    pub(crate) fn tell_config(&mut self, now: Micros) {
+        let config = self.in_custody().config;
+        self.record(now, Record::ConfigSet(config));
+    }
+
     /// What is kept for the owner; on a board without the ring, nothing.
     pub(crate) fn in_custody(&self) -> &Kept {
         self.custody.get().map_or(&NOTHING_KEPT, Custody::kept)
+    }
+
+    /// The entries before this one are kept elsewhere.
+    pub(crate) fn acked(&self) -> u64 {
+        let later = self.acked.get().copied();
+        self.in_custody().acked.max(later.unwrap_or(0))
+    }
+
+    /// Keeps an acknowledgement, and tells what was lost since the one that was kept before.
+    #[inline(never)]
+    pub(crate) fn keep_ack(&mut self, now: Micros, seq: u64) -> Result<(), AckError> {
+        let journal = self.journal.get_mut().ok_or(AckError::Storage)?;
+        let custody = self.custody.get().ok_or(AckError::NotOnThisBoard)?;
+        let kept = *custody.kept();
+        let mut lost_from = |from| journal.lost_from(from).map_err(|_| AckError::Storage);
+        let lost = lost_from(kept.acked)?.saturating_sub(lost_from(seq)?);
+        // It makes the room for its own record. That comes first, for behind the deed nobody could
+        // count the loss again.
+        if kept.config.journal.full == WhenFull::Refuse {
+            journal.hold(Some(seq));
+        }
+        let is_told = self.record(now, Record::Acknowledged { seq, lost });
+        let kept = Kept { acked: seq, ..kept };
+        let custody = self.custody.get_mut();
+        let is_kept = is_told && custody.is_some_and(|of| of.save(now, kept).is_ok());
+        self.hold_evidence();
+        if !is_kept {
+            return Err(AckError::Storage);
+        }
+        self.acked.clear();
+        Ok(())
+    }
+
+    /// When an acknowledgement that waits is to be kept.
+    pub(crate) fn ack_due(&self) -> Option<Micros> {
+        self.acked.get().map(|_| self.acks.next())
+    }
+
+    /// Keeps an acknowledgement that waits, if it is time.
+    pub(crate) fn keep_late_ack(&mut self, now: Micros) {
+        if let Some(seq) = self.acked.get().copied()
+            && self.acks.take(now)
+        {
+            // What is not kept waits for its next turn.
+            let _ = self.keep_ack(now, seq);
+        }
+    }
+
+    /// The journal overwrites no evidence that nobody has acknowledged, if the owner wants that.
+    pub(crate) fn hold_evidence(&mut self) {
+        let Kept { config, acked, .. } = *self.in_custody();
+        let is_wanted = config.journal.full == WhenFull::Refuse;
+        if let Some(journal) = self.journal.get_mut() {
+            journal.hold(is_wanted.then_some(acked));
+        }
+        self.heads.has_room();
     }
 
     /// Why nothing is released.
@@ -179,7 +248,7 @@ impl<F: Flash> Ledger<F> {
     /// Whether nothing may go out before somebody has acknowledged evidence.
     pub(crate) fn is_full(&mut self) -> bool {
         let Kept { config, acked, .. } = *self.in_custody();
-        let is_full = |journal: &mut Archive<F>| journal.is_full(acked, MARGIN).unwrap_or(true);
+        let is_full = |journal: &mut Archive<F>| journal.is_full(acked, MARGIN);
         config.journal.full == WhenFull::Refuse && self.journal.get_mut().is_some_and(is_full)
     }
 }

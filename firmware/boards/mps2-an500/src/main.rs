@@ -102,9 +102,9 @@ fn main() -> ! {
     cortex_m::asm::isb();
     clock::start();
     // SAFETY: here and nowhere else.
-    let kept = unsafe { storage::open() };
+    let mut kept = unsafe { storage::open() };
     let mut image = RunningImage::start(kept.images);
-    let signer = owner::signer(kept.key, kept.entropy, image.digest);
+    let signer = owner::signer(kept.key, &mut kept.access, kept.entropy, image.digest);
     let boot = Boot {
         identity: Identity {
             board: name("mps2-an500"),

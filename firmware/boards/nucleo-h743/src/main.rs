@@ -67,6 +67,7 @@ use embassy_stm32::{Peri, interrupt, rcc, uid};
 use embassy_time::{Delay, Timer};
 use embedded_hal_bus::spi::ExclusiveDevice;
 use static_cell::StaticCell;
+use umi_app::access::Keeper;
 use umi_app::board::{Button, Clock as _, Lights, Outputs, Watchdog};
 use umi_app::measure::{Boot, StorageAreas};
 use umi_app::sensor::PointStation;
@@ -127,7 +128,7 @@ fn main() -> ! {
     }
     owner::pull_up_jumper(p.PF8);
     // Before anything that cannot wait. The key first: what counts of the images stands behind it.
-    let key = owner::board_key();
+    let key = owner::board_key(false);
     #[cfg(feature = "update")]
     let mut image = updates::running(
         images::open(Part::Chip).and_then(updates::found),
@@ -137,7 +138,6 @@ fn main() -> ! {
     let (digest, version) = (image.digest, image.version);
     #[cfg(not(feature = "update"))]
     let (digest, version) = ([0; 32], None);
-    let signer = owner::signer(key, digest);
     start::set_priorities();
     timers::start();
     timers::start_looking();
@@ -156,8 +156,13 @@ fn main() -> ! {
         settings,
         programs,
         custody,
-        access,
+        mut access,
     } = storage::open(device).unwrap_or_else(|why| stop(why));
+    let key = match key {
+        None if Keeper::is_wiping(&mut access) => owner::board_key(true),
+        key => key,
+    };
+    let signer = owner::signer(key, digest);
     let boot = Boot {
         identity: Identity {
             board: name("nucleo-h743"),

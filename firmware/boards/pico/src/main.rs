@@ -84,6 +84,7 @@ use storage::chip_flash::{ChipFlash, KEY};
 use storage::updates;
 use storage::{Part, Storage, owner};
 use time::{alarms, clock};
+use umi_app::access::Keeper;
 use umi_app::board::Clock as _;
 
 bind_interrupts!(struct Interrupts {
@@ -176,16 +177,21 @@ fn boot() -> Parts {
     };
     #[cfg(not(feature = "update"))]
     let (digest, version) = ([0; 32], None);
-    let signer = owner::signer(ChipFlash::new(chip.FLASH, KEY), digest);
+    let mut own = ChipFlash::new(chip.FLASH, KEY);
+    let signer = owner::signer(&mut own, digest, false);
     latch::start();
 
-    let storage = storage::open(storage::StorageParts {
+    let mut storage = storage::open(storage::StorageParts {
         spi: chip.SPI0,
         miso: chip.PIN_4,
         select: chip.PIN_5,
         clock: chip.PIN_6,
         mosi: chip.PIN_7,
     });
+    let signer = match signer {
+        None if Keeper::is_wiping(&mut storage.access) => owner::signer(&mut own, digest, true),
+        signer => signer,
+    };
     let serial = SERIAL.init(Serial::new());
     for byte in storage.unique_id {
         let _ = write!(serial, "{byte:02X}");

@@ -107,6 +107,12 @@ pub enum JournalError<E> {
         /// The first address that reads back differently.
         addr: u32,
     },
+    /// The oldest sector holds what must not be overwritten yet.
+    #[strum(serialize = "journal_full")]
+    #[error(
+        "the journal is full of what nobody has acknowledged: the entry is not recorded; pull the journal, keep the file, and acknowledge it"
+    )]
+    Full,
     /// The region cannot hold a journal.
     #[strum(serialize = "flash_unsuitable")]
     #[error("this flash region cannot hold a journal: {0}")]

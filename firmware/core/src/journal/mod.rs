@@ -26,6 +26,8 @@
 //!   header survived, and a sector that was being erased or begun when power
 //!   failed is erased again. What a sector holds from the first number of its
 //!   successor on was never acknowledged and is not looked at.
+//! * **A young journal needs no header.** While its first sector is its only one, the record begins there, on
+//!   nothing: damage to that header costs nothing, and is told.
 //! * **Opening only reads.** It can be cut as often as power likes.
 //! * **A word is programmed once between erases**, as flash with error correction
 //!   demands. After a power-up the rest of the page in use is left alone, since
@@ -138,6 +140,8 @@ pub struct Journal<F: Flash> {
     next_given_up: bool,
     /// The sector behind the head was erased in this power cycle.
     next_erased: bool,
+    /// The sector behind the head must not be erased.
+    is_held: bool,
     /// Where sequential reading goes on.
     cursor: Option<Cursor>,
 }
@@ -184,6 +188,7 @@ impl<F: Flash> Journal<F> {
             chain,
             next_given_up,
             next_erased: false,
+            is_held: false,
             cursor: None,
         };
         Ok((journal, recovery))
@@ -248,6 +253,12 @@ impl<F: Flash> Journal<F> {
         Ok(true)
     }
 
+    /// Erases the oldest sector no more, or does so again: meanwhile an entry that needs its room is
+    /// [`JournalError::Full`], and is not there.
+    pub fn hold(&mut self, is_held: bool) {
+        self.is_held = is_held;
+    }
+
     /// Gives up the rest of the current sector: the entry that comes next begins another one. For a copy
     /// that must not go with what it is a copy of where a sector is damaged.
     pub fn turn(&mut self) {
@@ -286,10 +297,18 @@ impl<F: Flash> Journal<F> {
         if self.next_erased || self.generation == 0 || layout.next(head) != oldest {
             return None;
         }
-        let behind = walk::first_seq_of(&mut self.flash, &layout, layout.next(oldest));
-        // What cannot be read is taken for all that there is.
         let next_seq = self.extent.next_seq;
-        Some(behind.map_or(next_seq, |behind| behind.min(next_seq)))
+        // A sector whose header cannot be read counts to the one before it, and what cannot be read at
+        // all for all that there is.
+        let mut sector = oldest;
+        while sector != head {
+            sector = layout.next(sector);
+            match walk::first_seq_of(&mut self.flash, &layout, sector) {
+                Ok(behind) if behind <= next_seq => return Some(behind),
+                _ => {}
+            }
+        }
+        Some(next_seq)
     }
 
     /// The chain value that includes the newest entry. Noted elsewhere, it proves
@@ -355,6 +374,9 @@ impl<F: Flash> Journal<F> {
 
     /// Gives up the sector behind the head and erases it.
     fn erase_next(&mut self) -> Result<(), JournalError<F::Error>> {
+        if self.is_held {
+            return Err(JournalError::Full);
+        }
         let Extent { layout, head, .. } = self.extent;
         let next = layout.next(head);
         self.next_erased = false;

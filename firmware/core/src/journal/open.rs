@@ -140,8 +140,11 @@ fn fresh<F: Flash>(flash: &mut F, layout: Layout) -> Result<State, JournalError<
     };
     let found = search(flash, &layout, &first, layout.end(0)).map_err(JournalError::Flash)?;
     let rest = layout.end(layout.sectors - 1);
-    if found.hit.is_some() || !is_erased(flash, layout.end(0), rest).map_err(JournalError::Flash)? {
+    if !is_erased(flash, layout.end(0), rest).map_err(JournalError::Flash)? {
         return Err(JournalError::NotAJournal);
+    }
+    if found.hit.is_some() {
+        return young(flash, layout, first);
     }
     let sector_unfinished =
         !is_erased(flash, layout.start(0), layout.end(0)).map_err(JournalError::Flash)?;
@@ -172,6 +175,37 @@ fn fresh<F: Flash>(flash: &mut F, layout: Layout) -> Result<State, JournalError<
         next_given_up: false,
         recovery,
     })
+}
+
+/// A record in its first sector, whose header was good once and has been damaged since: it is known by
+/// its first entry, which follows on nothing.
+fn young<F: Flash>(
+    flash: &mut F,
+    layout: Layout,
+    first: Cursor,
+) -> Result<State, JournalError<F::Error>> {
+    let cursor = Cursor {
+        chain: Some(Chain::GENESIS),
+        ..first
+    };
+    let found = search(flash, &layout, &cursor, layout.end(0)).map_err(JournalError::Flash)?;
+    if found.hit.is_none_or(|hit| hit.chain.is_none()) {
+        return Err(JournalError::NotAJournal);
+    }
+    let mut head = Head {
+        cursor,
+        generation: 1,
+        first_seq: 0,
+        proven: Chain::GENESIS,
+        used: cursor.addr,
+        announced: cursor.addr,
+        damaged_entries: 0,
+        broken: false,
+    };
+    head.run(flash, &layout).map_err(JournalError::Flash)?;
+    let next_given_up = is_given_up(flash, &layout, 0).map_err(JournalError::Flash)?;
+    head.finish(flash, layout, next_given_up, false)
+        .map_err(JournalError::Flash)
 }
 
 /// The newest sector while it is read to its end.

@@ -83,7 +83,8 @@ impl Cursor {
             addr: layout.data(sector),
             seq,
             end,
-            chain: None,
+            // The first entry of all follows on nothing.
+            chain: (seq == 0).then_some(Chain::GENESIS),
         })
     }
 

@@ -157,6 +157,7 @@ fn journals() -> std::vec::Vec<JournalError<u8>> {
     let mut all = std::vec![
         JournalError::Flash(7),
         JournalError::NotKept { addr: 0x1000 },
+        JournalError::Full,
         JournalError::NotAJournal,
         JournalError::Version { found: 3 },
         JournalError::OtherGeometry {

@@ -5,8 +5,8 @@
 //! Both stand in a small [`Journal`] of their own, in flash that no request reads: an entry for
 //! each start, with the key's seed and the count of starts up to it. So a start that is cut
 //! leaves the one before, and a key is there whole or not at all. The first start of a new board
-//! draws the seed, and keeps it twice: an entry that is damaged at rest looks like one that was torn, and
-//! torn ones alone were never a key.
+//! draws the seed, and keeps it in two sectors: damage of one, or of its header, costs no key. Where none can be read the
+//! board has no key, and makes no other in its place, until a wipe has it drawn anew ([`BoardKey::renew`]).
 //!
 //! Behind the key an entry may have what somebody else keeps
 //! (`access::update`): a start writes it as it was. Where that was kept first, zeros stand for the key.
@@ -88,16 +88,37 @@ impl BoardKey {
         if seed.iter().all(|byte| Some(byte) == seed.first()) {
             return Err(KeyError::NoEntropy);
         }
-        let times = if boot == 0 { 2 } else { 1 };
+        let is_first = boot == 0;
         let boot = boot.saturating_add(1);
         *key = joined(&seed, boot);
-        for _ in 0..times {
+        for _ in 0..if is_first { 2 } else { 1 } {
             journal
                 .append(KIND, Micros(0), payload)
                 .map_err(KeyError::Flash)?;
+            if is_first {
+                journal.turn();
+            }
         }
         let signing = SigningKey::from_bytes(&seed);
         Ok(Self { signing, boot })
+    }
+
+    /// As [`open`](Self::open), for a board that forgets everything: where a key was there and cannot be read, another is
+    /// drawn. What stands behind the key goes with it. If power is cut before it returns, call it again.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open).
+    pub fn renew<F: Flash>(
+        mut flash: F,
+        draw: impl FnOnce(&mut [u8; SEED]) -> Result<(), NoEntropy>,
+    ) -> Result<Self, KeyError<F::Error>> {
+        match Self::open(&mut flash, |_| Err(NoEntropy)) {
+            // A flash that does not answer may hold a good one.
+            Err(error @ KeyError::Flash(JournalError::Flash(_))) => return Err(error),
+            Err(_) => Journal::format(&mut flash).map_err(KeyError::Flash)?,
+            Ok(key) => return Ok(key),
+        }
+        Self::open(flash, draw)
     }
 
     /// The public key.
@@ -373,31 +394,39 @@ mod tests {
         }
     }
 
-    /// Of a board that has started once, one of the two entries of its key is damaged at rest: the key is there. The
-    /// header in front of them is: there is none, and none is made in its place.
+    /// Of a board that has started once, a bit of one of the two entries of its key, of the header in front of it, or the whole
+    /// sector is damaged at rest: the key is there. Both are: there is none, and none is made in its place until a wipe.
     #[test]
     fn damage_makes_no_other_key() {
         for geometry in [GEOMETRY, WITH_ECC] {
             let mut flash = MockFlash::new(geometry);
             let public = BoardKey::open(&mut flash, seed(1)).unwrap().public();
-            let programs = flash.take_ops().into_iter();
-            let entries: Vec<usize> = programs
-                .filter_map(|op| match op {
-                    Op::Program { addr, len } if len > 64 => Some(addr as usize),
-                    _ => None,
-                })
-                .collect();
-            let [first, second] = entries[..] else {
-                panic!("{entries:?}");
-            };
-            for at in [first, second] {
-                let mut flash = flash.clone();
-                flash.data[at + 24] ^= 1;
-                let opened = BoardKey::open(&mut flash, seed(2));
-                assert_eq!(opened.unwrap().public(), public);
+            let size = geometry.sector_size as usize;
+            for sector in [0, size] {
+                for bit in (0..1600).step_by(7) {
+                    let mut flash = flash.clone();
+                    flash.data[sector + bit / 8] ^= 1 << (bit % 8);
+                    let opened = BoardKey::open(&mut flash, seed(2));
+                    assert_eq!(opened.unwrap().public(), public, "{sector} {bit}");
+                    let again = BoardKey::open(&mut flash, seed(3));
+                    assert_eq!(again.unwrap().public(), public, "{sector} {bit}");
+                }
+                for fill in [0, 0xFF] {
+                    let mut flash = flash.clone();
+                    flash.data[sector..sector + size].fill(fill);
+                    let opened = BoardKey::open(&mut flash, seed(2));
+                    assert_eq!(opened.unwrap().public(), public, "{sector} {fill}");
+                }
             }
-            flash.data[8] ^= 1;
+            for sector in [0, size] {
+                flash.data[sector + 8] ^= 1;
+            }
             assert!(BoardKey::open(&mut flash, seed(2)).is_err());
+            let renewed = BoardKey::renew(&mut flash, seed(2)).unwrap().public();
+            assert_ne!(renewed, public);
+            // What can be read stays.
+            let again = BoardKey::renew(&mut flash, seed(3)).unwrap().public();
+            assert_eq!(again, renewed);
         }
     }
 }

@@ -106,10 +106,12 @@ impl Power {
             .and_then(|areas| RunningImage::start(areas, config.firmware_key));
         let version = image.as_ref().map(RunningImage::version);
         let digest = image.as_ref().and_then(RunningImage::digest);
+        let mut access = config.access.clone();
+        let is_wiping = access.as_mut().is_some_and(Keeper::is_wiping);
         let signer = config
             .key
             .clone()
-            .and_then(|flash| key::signer(flash, digest.unwrap_or_default()));
+            .and_then(|flash| key::signer(flash, digest.unwrap_or_default(), is_wiping));
         let boot = Boot {
             identity: Identity {
                 board: name("virtual"),

@@ -2,6 +2,7 @@ use super::*;
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicUsize, Ordering};
+mod ages;
 mod migration;
 
 extern crate std;
@@ -45,6 +46,8 @@ struct Cut {
     /// Bytes that are programmed at once, and once behind an erasure. Where it is more than one, a torn word reads as
     /// zeros, as in an STM32H743's own flash.
     word: usize,
+    /// It cannot be read.
+    is_mute: bool,
 }
 
 impl Cut {
@@ -55,6 +58,7 @@ impl Cut {
             quarters,
             sector: SECTOR,
             word: 1,
+            is_mute: false,
         }
     }
 
@@ -114,6 +118,9 @@ impl Flash for Cut {
     }
 
     fn read(&mut self, addr: u32, into: &mut [u8]) -> Result<(), ()> {
+        if self.is_mute {
+            return Err(());
+        }
         let cells = self.cells.lock().unwrap();
         into.copy_from_slice(&cells[addr as usize..][..into.len()]);
         Ok(())

@@ -31,6 +31,14 @@ impl<const MOST: u32, const EACH_US: u64> Bucket<MOST, EACH_US> {
         self.used += u32::from(is_left);
         is_left
     }
+
+    /// When there is one at the latest.
+    pub fn next(&self) -> Micros {
+        match self.used < MOST {
+            true => self.since,
+            false => Micros(self.since.0.saturating_add(EACH_US)),
+        }
+    }
 }
 
 #[cfg(test)]
@@ -48,5 +56,9 @@ mod tests {
         assert_eq!([(); 4].map(|()| taken(1000)), [true, true, true, false]);
         assert!(!taken(1));
         assert!(taken(u64::MAX));
+        let mut bucket = Bucket::<1, 10>::new();
+        assert!(bucket.take(Micros(7)));
+        assert_eq!(bucket.next(), Micros(17));
+        assert!(!bucket.take(Micros(16)) && bucket.take(Micros(17)));
     }
 }

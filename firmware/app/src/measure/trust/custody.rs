@@ -4,9 +4,10 @@
 //! All of it stands in one entry of a small journal of its own, so that it changes together or not
 //! at all; the newest entry counts.
 //!
-//! An entry of the layout before this one is read, and what it does not say is as on a new board.
-//! It is written anew where something is to be kept, and not before: a firmware that is put back
-//! after a trial finds what it had kept. A power cut on the way leaves the old entry or the new one.
+//! An entry of a layout before this one is read, and what it does not say is as on a new board.
+//! It is written anew where something is to be kept, and not by a start alone. A firmware that is put back after a trial
+//! finds what it had kept, where nothing was to be kept meanwhile. Else it finds a layout that it does not know: then the
+//! strictest configuration counts, told, until the owner sets another. A power cut on the way leaves the old entry or the new one.
 //! A single field that cannot be used is as strict as it can be, and the others are as they were.
 //!
 //! Each entry is written twice, so that damage at rest in one of them costs nothing. Where the configuration changes, the second
@@ -15,8 +16,9 @@
 //! A new board keeps an entry at its first start. So an area that reads as if it had never been written is that
 //! of a new board, or was erased: then the evidence tells of a configuration, and the strictest counts.
 //!
-//! An entry says whether the board had an owner when it was kept, by its kind: should the area of
-//! the keys be erased, the board does not become open.
+//! An entry says how often keys and configuration were changed ([`Age`]), and whether the board has an owner; the keys'
+//! area says the same. So a copy of one of the two that is older than the other is known, and the board does not become open
+//! where the area of the keys is erased ([`crate::access`] compares).
 //!
 //! # Limitations
 //!
@@ -26,24 +28,48 @@
 //! owner has got the answer.
 
 use serde::{Deserialize, Serialize};
-use umi_core::journal::{Flash, Journal};
+use umi_core::journal::{Flash, Journal, JournalError, JournalFault, NotOpened};
+use umi_core::trust::access::register::Age;
 use umi_core::units::Micros;
 use umi_protocol::config::{
     AccessConfig, BoardConfig, Ceilings, ConfigField, Fallbacks, JournalConfig,
 };
 use umi_protocol::job_error::JobError;
 
-/// Kind number of the entries. A later layout gets another.
-const KIND: u8 = 2;
+/// Kind number of the entries: [`Entry`]. A later layout gets another.
+const KIND: u8 = 4;
 
-/// The same of a board that has an owner.
+/// Of the layout before, without [`Marks`], of a board that has an owner.
 const KIND_OWNED: u8 = 3;
 
-/// Of the layout before: [`KeptBefore`].
+/// The same of a board without.
+const KIND_UNOWNED: u8 = 2;
+
+/// Of the layout before that: [`KeptBefore`].
 const KIND_BEFORE: u8 = 1;
 
-/// Bytes of an entry, at most: eight numbers of nine bytes, and some.
-const MOST: usize = 128;
+/// Bytes of an entry, at most: twelve numbers of ten bytes, and some.
+const MOST: usize = 160;
+
+/// What is known of the board beside what is kept.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Marks {
+    /// How often keys and configuration were changed.
+    pub age: Age,
+    /// It has an owner.
+    pub is_owned: bool,
+    /// The configuration is the strictest, for want of another.
+    is_fallback: bool,
+    /// Evidence before this number tells of no owner.
+    pub looked_to: u64,
+}
+
+/// An entry.
+#[derive(Serialize, Deserialize)]
+struct Entry {
+    kept: Kept,
+    marks: Marks,
+}
 
 /// What is kept.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -89,14 +115,14 @@ pub(crate) static NOTHING_KEPT: Kept = Kept {
 enum Ring<F: Flash> {
     Open(Journal<F>),
     Damaged(F),
-    /// While it is begun anew.
-    None,
+    /// Its flash does not answer: nothing is known of what it holds.
+    Unreachable,
 }
 
 impl<F: Flash> Ring<F> {
     /// To write into: one that is damaged is begun anew, for nothing in it can be read.
     fn open(&mut self) -> Result<&mut Journal<F>, NotInCustody> {
-        *self = match core::mem::replace(self, Self::None) {
+        *self = match core::mem::replace(self, Self::Unreachable) {
             Self::Damaged(mut flash) => match Journal::format(&mut flash) {
                 Ok(()) => match Journal::open_or_return(flash) {
                     Ok((ring, _)) => Self::Open(ring),
@@ -108,7 +134,7 @@ impl<F: Flash> Ring<F> {
         };
         match self {
             Self::Open(ring) => Ok(ring),
-            Self::Damaged(_) | Self::None => Err(NotInCustody),
+            Self::Damaged(_) | Self::Unreachable => Err(NotInCustody),
         }
     }
 }
@@ -117,8 +143,11 @@ impl<F: Flash> Ring<F> {
 pub(crate) struct Custody<F: Flash> {
     ring: Ring<F>,
     kept: Kept,
-    is_fallback: bool,
-    is_owned: bool,
+    marks: Marks,
+    /// The newest entry is of a layout before this one.
+    is_before: bool,
+    /// The start has found an entry that says how often keys and configuration were changed.
+    has_ages: bool,
 }
 
 impl<F: Flash> Custody<F> {
@@ -129,53 +158,117 @@ impl<F: Flash> Custody<F> {
                 let newest = ring.next_seq().checked_sub(1);
                 // A board that is new has lost nothing; nor has one whose first entry was cut.
                 let was_there = newest.is_some() || recovery.damaged_headers > 0;
-                let found = newest.and_then(|newest| read(&mut ring, newest));
-                (Ring::Open(ring), found, was_there)
+                match newest.map(|newest| read(&mut ring, newest)) {
+                    Some(Err(JournalError::Flash(_))) => (Ring::Unreachable, None, true),
+                    found => (Ring::Open(ring), found.and_then(Result::ok), was_there),
+                }
             }
+            Err(NotOpened {
+                error: JournalError::Flash(_),
+                ..
+            }) => (Ring::Unreachable, None, true),
             Err(damaged) => (Ring::Damaged(damaged.flash), None, true),
         };
-        let (found, is_owned) = match found {
-            Some((kept, is_owned)) => (Some(kept), is_owned),
-            None => (None, false),
-        };
-        let is_fallback = found.is_none() && was_there;
-        let mut kept = found.unwrap_or(NOTHING_KEPT);
-        if is_fallback {
-            kept.config = BoardConfig::strictest();
-        }
+        let is_before = found.as_ref().is_some_and(|found| found.is_before);
+        let has_ages = found.as_ref().is_some_and(|found| !found.is_before);
+        let Found { kept, marks, .. } = found.unwrap_or(Found {
+            kept: Kept {
+                config: match was_there {
+                    true => BoardConfig::strictest(),
+                    false => BoardConfig::NEW,
+                },
+                ..NOTHING_KEPT
+            },
+            marks: Marks {
+                is_fallback: was_there,
+                ..Marks::default()
+            },
+            is_before,
+        });
         Self {
             ring,
             kept,
-            is_fallback,
-            is_owned,
+            marks,
+            is_before,
+            has_ages,
         }
     }
 
     /// Whether nothing was ever kept here, as far as can be seen.
     pub fn is_new(&self) -> bool {
-        matches!(&self.ring, Ring::Open(ring) if ring.next_seq() == 0) && !self.is_fallback
+        matches!(&self.ring, Ring::Open(ring) if ring.next_seq() == 0) && !self.marks.is_fallback
     }
 
     /// Begins with nothing kept, or as strictly as can be where something was kept and is gone.
-    pub fn begin(&mut self, now: Micros, is_owned: bool, is_lost: bool) {
-        self.is_owned = is_owned;
+    pub fn begin(&mut self, now: Micros, is_lost: bool) {
         if is_lost {
-            self.is_fallback = true;
-            self.kept.config = BoardConfig::strictest();
+            // The next start finds it so, too.
+            let _ = self.distrust(now, self.marks);
         } else {
             // What is not kept is looked for again at the next start.
-            let _ = self.save(now, self.kept);
+            let _ = self.keep(now, self.kept, self.marks);
         }
     }
 
-    /// Whether the board had an owner.
-    pub fn is_owned(&self) -> bool {
-        self.is_owned
+    /// Whether its flash answers.
+    pub fn is_reachable(&self) -> bool {
+        !matches!(self.ring, Ring::Unreachable)
     }
 
-    /// It has one, or not: said by what is kept next.
-    pub fn own(&mut self, is_owned: bool) {
-        self.is_owned = is_owned;
+    /// What is known of the board.
+    pub fn marks(&self) -> Marks {
+        self.marks
+    }
+
+    /// Of which age the keys are, if an entry that the start has found says so.
+    pub fn known(&self) -> Option<Age> {
+        let Marks { age, is_owned, .. } = self.marks;
+        // An owner of whom only a firmware knew that does not count.
+        let is_counted = age.keys > 0 || !is_owned;
+        (self.has_ages && is_counted).then_some(age)
+    }
+
+    /// Notes what is known of the board. What a firmware before has kept is not written anew for that, if it `may_wait`: then
+    /// it is kept with what comes next. So is how far the evidence was looked at, but for an entry now and then.
+    ///
+    /// # Errors
+    /// It is not kept.
+    pub fn note(&mut self, now: Micros, marks: Marks, may_wait: bool) -> Result<(), NotInCustody> {
+        let looked_to = self.marks.looked_to;
+        let is_same = Marks { looked_to, ..marks } == self.marks
+            && marks.looked_to < looked_to.saturating_add(LOOKED_AT);
+        if (is_same && !self.is_before) || (may_wait && self.is_before) {
+            self.marks = marks;
+            return Ok(());
+        }
+        self.keep_marks(now, marks)
+    }
+
+    /// Keeps what is known of the board.
+    ///
+    /// # Errors
+    /// It is not kept.
+    pub fn keep_marks(&mut self, now: Micros, marks: Marks) -> Result<(), NotInCustody> {
+        self.keep(now, self.kept, marks)
+    }
+
+    /// What is kept here is older than what is known elsewhere: the strictest configuration counts from now on.
+    ///
+    /// # Errors
+    /// It counts, and is not kept.
+    pub fn distrust(&mut self, now: Micros, marks: Marks) -> Result<(), NotInCustody> {
+        let kept = Kept {
+            config: BoardConfig::strictest(),
+            ..self.kept
+        };
+        let is_fallback = true;
+        let marks = Marks {
+            is_fallback,
+            ..marks
+        };
+        let is_kept = self.keep(now, kept, marks);
+        (self.kept, self.marks) = (kept, marks);
+        is_kept
     }
 
     /// What is kept.
@@ -185,7 +278,7 @@ impl<F: Flash> Custody<F> {
 
     /// Fields that could not be read, or not be used as they were.
     pub fn fallbacks(&self) -> Fallbacks {
-        match self.is_fallback {
+        match self.marks.is_fallback {
             true => ConfigField::ALL.iter().copied().collect(),
             // What is as strict as it can be is no more to be used than what it stands for.
             false => {
@@ -195,45 +288,71 @@ impl<F: Flash> Custody<F> {
         }
     }
 
-    /// Keeps this. After `Ok` it survives a power cut.
+    /// Keeps this. After `Ok` it survives a power cut. The strictest configuration stays until the owner has set another.
     ///
     /// # Errors
     /// It is not kept; what was before still counts.
     pub fn save(&mut self, now: Micros, kept: Kept) -> Result<(), NotInCustody> {
-        // The strictest configuration stays until the owner has set another.
-        if self.is_fallback && kept.config == self.kept.config {
-            self.kept = kept;
-            return Ok(());
-        }
-        let mut room = [0; MOST];
-        let payload = postcard::to_slice(&kept, &mut room).map_err(|_| NotInCustody)?;
-        let kind = if self.is_owned { KIND_OWNED } else { KIND };
-        let ring = self.ring.open()?;
-        ring.append(kind, now, payload).map_err(|_| NotInCustody)?;
+        let mut marks = self.marks;
         if kept.config != self.kept.config {
+            marks.age.config = marks.age.config.saturating_add(1);
+            marks.is_fallback = false;
+        }
+        self.keep(now, kept, marks)
+    }
+
+    fn keep(&mut self, now: Micros, kept: Kept, marks: Marks) -> Result<(), NotInCustody> {
+        let mut room = [0; MOST];
+        let entry = Entry { kept, marks };
+        let payload = postcard::to_slice(&entry, &mut room).map_err(|_| NotInCustody)?;
+        let ring = self.ring.open()?;
+        ring.append(KIND, now, payload).map_err(|_| NotInCustody)?;
+        let rights = |kept: &Kept, of: &Marks| (kept.config, of.age, of.is_owned);
+        if rights(&kept, &marks) != rights(&self.kept, &self.marks) {
             ring.turn();
         }
         // Damage at rest in one of the two costs no ceiling, and no run. Without the second it is kept none the less.
-        let _ = ring.append(kind, now, payload);
-        self.kept = kept;
-        self.is_fallback = false;
+        let _ = ring.append(KIND, now, payload);
+        (self.kept, self.marks, self.is_before) = (kept, marks, false);
         Ok(())
     }
 }
 
-/// An entry, if it is one that this firmware knows, and whether the board had an owner; what of its configuration
-/// cannot be used is as strict as it can be.
-fn read<F: Flash>(ring: &mut Journal<F>, seq: u64) -> Option<(Kept, bool)> {
+/// Pieces of evidence that a start may look at again.
+const LOOKED_AT: u64 = 256;
+
+/// An entry that was read.
+struct Found {
+    kept: Kept,
+    marks: Marks,
+    is_before: bool,
+}
+
+/// An entry, if it is one that this firmware knows; what of its configuration cannot be used is as strict as it can be.
+fn read<F: Flash>(ring: &mut Journal<F>, seq: u64) -> Result<Found, JournalError<F::Error>> {
     let mut room = [0; MOST];
-    let entry = ring.read(seq, &mut room).ok()?.entry;
-    let mut kept = match entry.kind {
-        KIND | KIND_OWNED => whole::<Kept>(entry.payload),
-        KIND_BEFORE => whole::<KeptBefore>(entry.payload).map(Kept::from),
+    let found = ring.read(seq, &mut room)?.entry;
+    let marks = Marks {
+        is_owned: found.kind == KIND_OWNED,
+        ..Marks::default()
+    };
+    let entry = match found.kind {
+        KIND => whole::<Entry>(found.payload),
+        KIND_UNOWNED | KIND_OWNED => whole(found.payload).map(|kept| Entry { kept, marks }),
+        KIND_BEFORE => whole::<KeptBefore>(found.payload).map(|before| Entry {
+            kept: before.into(),
+            marks,
+        }),
         _ => None,
-    }?;
-    let is_owned = entry.kind == KIND_OWNED;
+    };
+    let unknown = JournalError::Record(JournalFault::Damaged { seq });
+    let Entry { mut kept, marks } = entry.ok_or(unknown)?;
     kept.config.strict_where_bad();
-    Some((kept, is_owned))
+    Ok(Found {
+        kept,
+        marks,
+        is_before: found.kind != KIND,
+    })
 }
 
 /// What was kept, to the last byte: more of them would be of another layout.
@@ -391,7 +510,7 @@ mod tests {
             let (mut ring, _) = Journal::open(flash.clone()).unwrap();
             let mut room = [0; MOST];
             let payload = postcard::to_slice(&bad, &mut room).unwrap();
-            ring.append(KIND, Micros(0), payload).unwrap();
+            ring.append(KIND_UNOWNED, Micros(0), payload).unwrap();
             for run in 0..3 {
                 let mut opened = Custody::open(flash.clone());
                 assert_eq!(opened.fallbacks()[..], *told);
@@ -455,6 +574,17 @@ mod tests {
             last_run: Some(u32::MAX),
         };
         let mut custody = Custody::open(RamFlash::new());
-        custody.save(Micros(u64::MAX), longest).unwrap();
+        let age = Age {
+            keys: u32::MAX,
+            config: u32::MAX,
+        };
+        let longest_marks = Marks {
+            age,
+            is_owned: true,
+            is_fallback: true,
+            looked_to: u64::MAX,
+        };
+        let kept = custody.keep(Micros(u64::MAX), longest, longest_marks);
+        assert_eq!(kept, Ok(()));
     }
 }

@@ -23,6 +23,7 @@ use umi_core::journal::Flash;
 use umi_core::units::Micros;
 use umi_protocol::head::{Head, HeadAnswer};
 use umi_protocol::message::Record;
+use umi_protocol::schema::max_len;
 
 use crate::measure::Instrument;
 pub use crate::measure::trust::signer::HeadSigner;
@@ -32,6 +33,9 @@ pub const QUIET_US: u64 = 300_000;
 
 /// A host that asks waits so long for a line that is never quiet.
 pub const ASKED_US: u64 = 1_000_000;
+
+/// Bytes of a head's record, at most.
+const MAX_HEAD: usize = max_len::<Head>() + 1;
 
 /// Entries of the journal that may stand without a head behind them.
 pub const MOST_ENTRIES: u64 = 4096;
@@ -76,7 +80,7 @@ impl<F: Flash> Instrument<F> {
     pub fn head_deadline(&self) -> Option<Micros> {
         let heads = &self.ledger.heads;
         let journal = self.ledger.journal.get()?;
-        if !heads.signer.is_some() || self.delivery.is_some() {
+        if !heads.signer.is_some() || self.delivery.is_some() || heads.is_full {
             return None;
         }
         if journal.next_seq().saturating_sub(heads.since) >= MOST_ENTRIES {
@@ -115,6 +119,11 @@ impl<F: Flash> Instrument<F> {
         else {
             return;
         };
+        // One that a host with a key asks for may take the last room.
+        if !journal.takes(MAX_HEAD, nonce.is_some() && ledger.heads.is_known) {
+            ledger.heads.is_full = true;
+            return;
+        }
         // Evidence that cannot be read any more cannot be vouched for.
         let evidence = journal.mark().unwrap_or_default();
         let mut head = Head {

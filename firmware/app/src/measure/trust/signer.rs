@@ -64,7 +64,9 @@ pub(crate) struct Heads {
     /// a turn of theirs.
     known_turns: Bucket<32, 10_000_000>,
     /// Who waits is no stranger.
-    is_known: bool,
+    pub is_known: bool,
+    /// The journal had no room for the one that was due.
+    pub is_full: bool,
 }
 
 impl Heads {
@@ -79,6 +81,7 @@ impl Heads {
             turns: Bucket::new(),
             known_turns: Bucket::new(),
             is_known: false,
+            is_full: false,
         }
     }
 
@@ -94,6 +97,11 @@ impl Heads {
     /// A verdict is in the journal.
     pub fn judged(&mut self) {
         self.is_due = true;
+    }
+
+    /// The journal may have room for one again.
+    pub fn has_room(&mut self) {
+        self.is_full = false;
     }
 
     /// Entries before this one were there at the start.
@@ -115,6 +123,7 @@ impl Heads {
         };
         if !is_taken && !has_asked(&self.asked, &nonce) && may() {
             self.asked.put((nonce, now));
+            self.is_full = false;
             self.is_known = is_known;
         }
     }

@@ -23,11 +23,21 @@ use super::{Region, jumper_is_closed};
 static SEED: Mutex<Cell<[u8; 32]>> = Mutex::new(Cell::new([0; 32]));
 static DRAWN: AtomicU32 = AtomicU32::new(0);
 
-/// Takes up the board's key, or draws one; none: there is no entropy. Heads name the image of this digest.
-pub fn signer(key: Region, entropy: [u8; 32], digest: [u8; 32]) -> Option<&'static HeadSigner> {
+/// Takes up the board's key, or draws one; none: there is no entropy. Heads name the image of this digest. A wipe that has
+/// begun in the area of the keys (`access`) draws another where the board's own cannot be read.
+pub fn signer(
+    key: Region,
+    access: &mut Region,
+    entropy: [u8; 32],
+    digest: [u8; 32],
+) -> Option<&'static HeadSigner> {
     static SIGNING: StaticCell<HeadSigner> = StaticCell::new();
     critical_section::with(|cs| SEED.borrow(cs).set(entropy));
-    let key = BoardKey::open(key, draw).ok()?;
+    let key = match Keeper::is_wiping(access) {
+        true => BoardKey::renew(key, draw),
+        false => BoardKey::open(key, draw),
+    };
+    let key = key.ok()?;
     // What is drawn from here on is of this start alone.
     let mut hash = Sha256::new();
     hash.update(entropy);

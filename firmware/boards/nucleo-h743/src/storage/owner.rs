@@ -38,9 +38,14 @@ fn jumper_is_closed() -> bool {
 }
 
 /// Takes up the board's key, or draws one at the first start; none: the board signs nothing and cannot
-/// be claimed. To be called once, before anything that cannot wait: now and then a sector is erased, for two seconds.
-pub fn board_key() -> Option<BoardKey> {
-    let opened = BoardKey::open(ChipFlash::new(KEPT), noise::draw);
+/// be claimed. To be called before anything that cannot wait, and no more once there is one: now and then a sector is erased, for two seconds.
+/// Where the board is being wiped (`is_wiping`), one that cannot be read is drawn anew, and nothing of the images counts any more.
+pub fn board_key(is_wiping: bool) -> Option<BoardKey> {
+    let flash = ChipFlash::new(KEPT);
+    let opened = match is_wiping {
+        true => BoardKey::renew(flash, noise::draw),
+        false => BoardKey::open(flash, noise::draw),
+    };
     if opened.is_err() {
         defmt::error!("the board has no key: it signs nothing");
     }

@@ -48,11 +48,20 @@ fn jumper_is_closed() -> bool {
 }
 
 /// Takes up the board's key, or draws one at the first start; none: the board signs nothing and cannot
-/// be claimed. To be called once, before anything that cannot wait.
+/// be claimed. To be called before anything that cannot wait, and no more once there is one.
 /// `image` is the first half of the SHA-512 of the signed image that runs; zeros: it was not signed.
-pub fn signer(flash: ChipFlash, image: [u8; 32]) -> Option<&'static HeadSigner> {
+/// Where the board is being wiped (`is_wiping`), a key that cannot be read is drawn anew.
+pub fn signer(
+    flash: &mut ChipFlash,
+    image: [u8; 32],
+    is_wiping: bool,
+) -> Option<&'static HeadSigner> {
     static SIGNING: StaticCell<HeadSigner> = StaticCell::new();
-    match BoardKey::open(flash, noise::draw) {
+    let opened = match is_wiping {
+        true => BoardKey::renew(flash, noise::draw),
+        false => BoardKey::open(flash, noise::draw),
+    };
+    match opened {
         Ok(key) => Some(SIGNING.init(HeadSigner::new(key, image))),
         Err(_) => {
             defmt::error!("the board has no key: it signs nothing");

@@ -11,6 +11,9 @@ use crate::units::Micros;
 /// the chain value before it.
 pub const FIELDS: usize = 8 + 32;
 
+/// Pieces that are tried where some are damaged.
+const TRIED: usize = 8;
+
 /// Why no evidence is kept apart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ArchiveFault<E> {
@@ -144,6 +147,17 @@ impl<F: Flash> Evidence<F> {
         seq.copy_from_slice(first);
         chain.copy_from_slice(last);
         Ok((u64::from_le_bytes(seq), Chain(chain)))
+    }
+
+    /// Whether the next erasure takes evidence from entry `from` on away, as far as the first piece
+    /// behind it tells, which is found at once.
+    pub fn would_lose(&mut self, from: u64) -> bool {
+        let Some(end) = self.ring.next_to_go() else {
+            return false;
+        };
+        let mut behind = (end..self.ring.next_seq()).take(TRIED);
+        let first = behind.find_map(|number| self.fields(number).ok());
+        first.is_none_or(|(seq, _)| seq > from)
     }
 
     /// The first piece at or behind entry `seq`: its number, and the entry that it is.

@@ -23,10 +23,20 @@
 //! of the evidence is copied at the next start, and so is the evidence of a journal that was
 //! written before the board had this ring.
 //!
+//! Where the owner wants evidence kept ([`Archive::hold`]), none is overwritten that nobody has
+//! acknowledged. The ring is full then when its last sector is, and a record that is evidence and
+//! finds no room goes into neither of the two ([`JournalError::Full`]): a piece that only the journal
+//! had would break the chain of evidence. What is no evidence is written as ever, inputs among it.
+//! The last [`RESERVE`] bytes are for what must not fail (`is_urgent`): what has begun is told to its
+//! end, a start, who may do what, an acknowledgement. Half of that stays free for what a power cut
+//! has left of a piece, which is written once more.
+//!
 //! # Limitations
 //!
 //! * Evidence that never ends overwrites evidence: see what a host can do about it,
-//!   [`Archive::lost_from`] and [`Archive::is_full`].
+//!   [`Archive::lost_from`] and [`Archive::hold`].
+//! * Of evidence that is held, a sector can be lost where power is cut again and again while the last
+//!   piece is written.
 //! * If the newest entry of the journal is damaged at rest and was evidence, the two do not fit any
 //!   more: [`ArchiveFault::OtherJournal`], and the board keeps no evidence apart until its owner
 //!   has pulled and formatted it.
@@ -50,6 +60,17 @@ use evidence::Evidence;
 /// Room for a record as it is appended: [`FIELDS`] bytes before its own.
 pub const ROOM: usize = FIELDS + MAX_RECORD;
 
+/// Room in the ring that only what is urgent takes, where evidence is held.
+pub const RESERVE: u32 = 2 * MAX_RECORD as u32;
+
+/// Whether a record of this kind may take the reserve. Each is bounded by who may cause it: an owner,
+/// a key, a start, or something that has begun while there was room.
+const fn is_urgent(kind: u8) -> bool {
+    // Boot, Recovered, JobSet, ReferenceRestored; CorrectionSent, ProgramSent; JobLost, Head,
+    // Acknowledged, ConfigSet; Access, Wiped, Update.
+    matches!(kind, 0..=3 | 12 | 18 | 23 | 24 | 27 | 28 | 30 | 32 | 33)
+}
+
 /// A piece of evidence: its number in the ring, and the ring.
 type Located<'a, F> = (u64, &'a mut Evidence<F>);
 
@@ -58,6 +79,8 @@ type Located<'a, F> = (u64, &'a mut Evidence<F>);
 pub struct Archive<F: Flash> {
     journal: Journal<F>,
     evidence: ZeroOption<Evidence<F>>,
+    /// Evidence from this entry on is not overwritten.
+    held: ZeroOption<u64>,
 }
 
 impl<F: Flash> Archive<F> {
@@ -67,8 +90,12 @@ impl<F: Flash> Archive<F> {
     /// As [`Journal::open`].
     pub fn open(flash: F) -> Result<(Self, Recovery), JournalError<F::Error>> {
         let (journal, recovery) = Journal::open(flash)?;
-        let evidence = ZeroOption::empty();
-        Ok((Self { journal, evidence }, recovery))
+        let archive = Self {
+            journal,
+            evidence: ZeroOption::empty(),
+            held: ZeroOption::empty(),
+        };
+        Ok((archive, recovery))
     }
 
     /// Keeps evidence apart from now on; what of the journal's is not there yet is copied.
@@ -86,12 +113,37 @@ impl<F: Flash> Archive<F> {
         Ok(())
     }
 
+    /// Overwrites no evidence from this entry on; none: the oldest is overwritten.
+    pub fn hold(&mut self, from: Option<u64>) {
+        match from {
+            Some(from) => self.held.put(from),
+            None => self.held.clear(),
+        }
+    }
+
+    /// Whether a piece of evidence of so many bytes finds room.
+    pub fn takes(&mut self, len: usize, is_urgent: bool) -> bool {
+        let Some(Evidence { ring, .. }) = self.evidence.get() else {
+            return true;
+        };
+        let kept_free = if is_urgent { RESERVE / 2 } else { RESERVE };
+        ring.free() >= len as u32 + kept_free || !self.is_held()
+    }
+
+    /// Whether the ring may not be erased any further.
+    fn is_held(&mut self) -> bool {
+        match (self.evidence.get_mut(), self.held.get()) {
+            (Some(evidence), Some(from)) => evidence.would_lose(*from),
+            _ => false,
+        }
+    }
+
     /// Appends the record of `len` bytes that stands in `room` behind its first [`FIELDS`] bytes,
     /// and returns its number. After `Ok` it survives a power cut.
     ///
     /// # Errors
-    /// As [`Journal::append`]. The journal may have it then, if only the evidence has not: it is
-    /// copied at the next start.
+    /// [`JournalError::Full`]: neither of the two has it. As [`Journal::append`]: the journal may have it
+    /// then, if only the evidence has not: it is copied at the next start.
     pub fn append(
         &mut self,
         kind: u8,
@@ -99,12 +151,18 @@ impl<F: Flash> Archive<F> {
         room: &mut [u8; ROOM],
         len: usize,
     ) -> Result<u64, JournalError<F::Error>> {
+        let is_evidence = Record::is_evidence(kind);
+        let is_held = is_evidence && self.is_held();
+        if is_held && !self.takes(len, is_urgent(kind)) {
+            return Err(JournalError::Full);
+        }
         let before = self.journal.chain_head();
         let payload = room.get(FIELDS..FIELDS + len).unwrap_or_default();
         let seq = self.journal.append(kind, t, payload)?;
         if let Some(evidence) = self.evidence.get_mut()
-            && Record::is_evidence(kind)
+            && is_evidence
         {
+            evidence.ring.hold(is_held);
             evidence.append(kind, t, seq, &before, room, len)?;
         }
         Ok(seq)
@@ -116,7 +174,12 @@ impl<F: Flash> Archive<F> {
     /// [`JournalError::Flash`].
     pub fn prepare(&mut self, min_free: u32) -> Result<(), JournalError<F::Error>> {
         self.journal.prepare(min_free)?;
-        if let Some(evidence) = self.evidence.get_mut() {
+        let is_low = |of: &Evidence<F>| of.ring.free() < min_free;
+        let is_wanted = self.evidence.get().is_some_and(is_low) && !self.is_held();
+        if let Some(evidence) = self.evidence.get_mut()
+            && is_wanted
+        {
+            evidence.ring.hold(false);
             evidence.ring.prepare(min_free)?;
         }
         Ok(())
@@ -270,41 +333,33 @@ impl<F: Flash> Archive<F> {
         Ok(gone - b.saturating_sub(a).min(gone))
     }
 
-    /// Of which of these kinds, that are evidence, there are records. Reads all of them: not for each start. What
-    /// cannot be read says nothing.
-    pub fn tells<const N: usize>(&mut self, kinds: [u8; N]) -> [bool; N] {
-        let mut found = [false; N];
+    /// Whether there is a record of this kind, that is evidence, from this number of the ring on, and the number that its
+    /// next will get. Reads all of them: a start that has looked before looks at what is new. What cannot be read says nothing.
+    pub fn tells(&mut self, kind: u8, from: u64) -> (bool, u64) {
         let ring = match self.evidence.get_mut() {
             Some(Evidence { ring, .. }) => ring,
             None => &mut self.journal,
         };
-        for number in ring.first_seq()..ring.next_seq() {
-            if let Ok(piece) = ring.read_piece(number, 0, &mut []) {
-                for (found, kind) in found.iter_mut().zip(kinds) {
-                    *found |= kind == piece.kind;
-                }
-            }
-        }
-        found
+        let end = ring.next_seq();
+        // Another ring, where it has not come so far.
+        let from = if from > end { 0 } else { from };
+        let mut numbers = from.max(ring.first_seq())..end;
+        let is_it = |number| {
+            ring.read_piece(number, 0, &mut [])
+                .is_ok_and(|piece| piece.kind == kind)
+        };
+        (numbers.any(is_it), end)
     }
 
-    /// Whether little more evidence can be kept before some from entry `from` on is overwritten.
-    ///
-    /// # Errors
-    /// [`JournalError::Flash`], [`JournalError::Record`].
-    pub fn is_full(&mut self, from: u64, min_free: u32) -> Result<bool, JournalError<F::Error>> {
-        let Some(evidence) = self.evidence.get_mut() else {
-            // The journal itself is all there is.
-            let end = self.journal.next_to_go();
-            return Ok(self.journal.free() < min_free && end.is_some_and(|end| end > from));
-        };
-        let Some(end) = evidence.ring.next_to_go() else {
-            return Ok(false);
-        };
-        if evidence.ring.free() >= min_free {
-            return Ok(false);
+    /// Whether less than `min_free` bytes of evidence can be kept before some from entry `from` on is
+    /// overwritten, or was, where no ring keeps it apart.
+    pub fn is_full(&mut self, from: u64, min_free: u32) -> bool {
+        if let Some(evidence) = self.evidence.get_mut() {
+            return evidence.ring.free() < min_free && evidence.would_lose(from);
         }
-        let newest = end.saturating_sub(1);
-        Ok(evidence.fields(newest)?.0 >= from)
+        // The journal itself is all there is, and what comes in is never held back.
+        let end = self.journal.next_to_go();
+        let is_near = self.journal.free() < min_free && end.is_some_and(|end| end > from);
+        is_near || self.journal.first_seq() > from
     }
 }

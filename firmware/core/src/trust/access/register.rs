@@ -1,5 +1,8 @@
 //! The keys that a board knows, its lock, and what a wipe leaves: one value that is kept whole or
 //! not at all.
+//!
+//! How old it is stands behind the rest ([`Age`]). A firmware that knows nothing of that reads what stands before it:
+//! one that is put back after a trial locks nobody out.
 
 use serde::{Deserialize, Serialize};
 use umi_protocol::access::{AccessMode, AccessRefusal, KeyId, KeyInfo, Keys, Role};
@@ -22,9 +25,48 @@ pub struct KeyRegister {
     pub wrong_keys: WrongKeys,
     /// A wipe that has begun.
     pub wiping: Option<Wiping>,
+    age: Age,
+    /// The first owner's key is being enrolled: the journal may tell of it before it is here.
+    claiming: bool,
 }
 
-/// What is told when the wipe has ended.
+/// How often an owner has changed something. Each of two memories keeps both numbers, so that a copy of one of them that is
+/// older than the other is known.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Age {
+    /// Keys or the lock; 0: not by a firmware that counts.
+    pub keys: u32,
+    /// The configuration.
+    pub config: u32,
+}
+
+/// What was kept before there was an age.
+#[derive(Deserialize)]
+struct RegisterBefore {
+    keys: Keys,
+    locked: bool,
+    lost: bool,
+    jumper_starts: u8,
+    wrong_keys: WrongKeys,
+    wiping: Option<Wiping>,
+}
+
+impl From<RegisterBefore> for KeyRegister {
+    fn from(before: RegisterBefore) -> Self {
+        Self {
+            keys: before.keys,
+            locked: before.locked,
+            lost: before.lost,
+            jumper_starts: before.jumper_starts,
+            wrong_keys: before.wrong_keys,
+            wiping: before.wiping,
+            age: Age::default(),
+            claiming: false,
+        }
+    }
+}
+
+/// What is told when the wipe has ended; zeros: the journal could not be opened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Wiping {
     /// The oldest entry of the journal that goes.
@@ -38,6 +80,47 @@ pub struct Wiping {
 }
 
 impl KeyRegister {
+    /// What was kept, by this firmware or by one before it.
+    #[must_use]
+    pub fn read(kept: &[u8]) -> Option<Self> {
+        let before = || postcard::from_bytes::<RegisterBefore>(kept).map(Self::from);
+        postcard::from_bytes(kept).or_else(|_| before()).ok()
+    }
+
+    /// How old it is.
+    #[must_use]
+    pub fn age(&self) -> Age {
+        self.age
+    }
+
+    /// Of this age.
+    #[must_use]
+    pub fn aged(self, age: Age) -> Self {
+        Self { age, ..self }
+    }
+
+    /// With the first owner's key under way, or not.
+    #[must_use]
+    pub fn with_claim(&self, claiming: bool) -> Self {
+        Self {
+            claiming,
+            ..self.clone()
+        }
+    }
+
+    /// Whether the journal may tell of an owner whose key was not kept.
+    #[must_use]
+    pub fn is_claiming(&self) -> bool {
+        self.claiming
+    }
+
+    /// One change later.
+    fn changed(mut self) -> Self {
+        self.age.keys = self.age.keys.saturating_add(1);
+        self.claiming = false;
+        self
+    }
+
     /// Something was kept and cannot be read: nobody may do anything but with the jumper.
     #[must_use]
     pub fn lost() -> Self {
@@ -115,7 +198,7 @@ impl KeyRegister {
                 .push(key.clone())
                 .map_err(|_| AccessRefusal::KeysFull)?,
         }
-        register.with_an_owner().map(Some)
+        register.changed().with_an_owner().map(Some)
     }
 
     /// Without this key, and what it was for. None: it is not known already.
@@ -128,7 +211,7 @@ impl KeyRegister {
         };
         let mut register = self.clone();
         register.keys.retain(|known| key_id(&known.public) != id);
-        Ok(Some((register.with_an_owner()?, role)))
+        Ok(Some((register.changed().with_an_owner()?, role)))
     }
 
     /// Locked or not; none: it is so already.
@@ -140,10 +223,11 @@ impl KeyRegister {
             let needs = Role::Owner;
             return Err(AccessRefusal::KeyNeeded { needs });
         }
-        Ok((self.locked != locked).then(|| Self {
+        let changed = || Self {
             locked,
-            ..self.clone()
-        }))
+            ..self.clone().changed()
+        };
+        Ok((self.locked != locked).then(changed))
     }
 
     /// The board starts with the jumper closed or open; none: that changes nothing.

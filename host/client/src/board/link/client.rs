@@ -351,8 +351,8 @@ impl Client {
                         && !is_sealed
                         && *response != Response::AccessRefused(AccessRefusal::NoSession) => {}
                 Ok(incoming) => return Ok(Some((sequence, incoming))),
-                // Before the Hello, what an earlier session left behind.
-                Err(_) if self.board.is_none() => {}
+                // Before the Hello, what an earlier session left behind. In a session, what has no seal: nobody's.
+                Err(_) if self.board.is_none() || (self.session.is_some() && !is_sealed) => {}
                 Err(OpenError::OtherSchema) => return Err(LinkError::BoardChanged),
                 Err(_) => return Err(LinkError::WrongAnswer { request }),
             }

@@ -212,7 +212,7 @@ impl fmt::Display for LinkError {
                 "the board answered `{request}` with something else: please report this fault"
             ),
             Self::Refused(refusal) => refusal.fmt(f),
-            Self::NoSessions => f.write_str("this board has no key of its own, and so no owner and no sessions"),
+            Self::NoSessions => f.write_str("this board has no key of its own that can be read, and so no sessions. Where it had one, the jumper held over two starts has it wiped (`umi wipe --yes`), with a new key"),
             Self::BoardNotProven => f.write_str(
                 "what answers there does not prove the key that it calls its own: somebody stands between this umi and the board",
             ),

@@ -230,7 +230,7 @@ impl Enrol {
         };
         let mut board = self.board.connect()?;
         if !board.key_enrol(&key)? {
-            return Err(not_on_this_board());
+            return Err(not_on_this_board(&mut board));
         }
         if self.format.json {
             return print_json(&key_json(&key));
@@ -279,7 +279,7 @@ impl Revoke {
             return Err(LinkError::Refused(AccessRefusal::KeyUnknown).into());
         }
         if !board.key_revoke(self.key_id)? {
-            return Err(not_on_this_board());
+            return Err(not_on_this_board(&mut board));
         }
         let key_id = hex(&self.key_id);
         if self.format.json {
@@ -321,7 +321,7 @@ struct Unlock {
 fn set_lock(board: &Board, format: &Format, locked: bool) -> Result<(), Failure> {
     let mut board = board.connect()?;
     if !board.lock(locked)? {
-        return Err(not_on_this_board());
+        return Err(not_on_this_board(&mut board));
     }
     let mode = board.access()?.mode;
     if format.json {

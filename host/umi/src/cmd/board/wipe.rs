@@ -4,8 +4,9 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use serde_json::json;
-use umi_client::board::link::Client;
+use umi_client::board::link::{Client, LinkError};
 use umi_client::board::port;
+use umi_client::journal::key_id;
 use umi_client::problem::Problem;
 
 use crate::cmd::{Board, Format};
@@ -21,7 +22,7 @@ const PATIENCE: Duration = Duration::from_secs(60);
 It needs the board's jumper, closed at the start and now, and an owner's key. Where the key is lost,
 the jumper alone is enough if it was closed at two starts in a row. Pull the journal before: it goes,
 too. What stays is the board's own key, and in the new journal a signed record of what the old one
-held (`wiped`).
+held (`wiped`). A key of its own that cannot be read any more is drawn anew.
 
 Examples:
   umi log pull last.umij --key anna
@@ -47,19 +48,29 @@ impl Wipe {
         }
         let mut board = self.board.connect()?;
         let serial = board.identity()?.serial;
+        let before = board.access()?;
         if !board.wipe()? {
-            return Err(not_on_this_board());
+            return Err(not_on_this_board(&mut board));
         }
         drop(board);
         let mut board = comes_back(self.board.address())?;
-        let mode = board.access()?.mode;
+        let after = board.access()?;
+        let mode = after.mode;
+        let new_key = after.board_key.filter(|key| before.board_key != Some(*key));
         if self.format.json {
-            return print_json(&json!({"serial": serial.as_str(), "mode": mode}));
+            let key_id = new_key.map(|key| key_id(&key));
+            return print_json(
+                &json!({"serial": serial.as_str(), "mode": mode, "new_board_key": key_id}),
+            );
         }
-        let done = format!(
+        let mut done = format!(
             "board {serial} has forgotten everything and is {}",
             mode.name()
         );
+        if new_key.is_some() {
+            done +=
+                ". Its own key could not be read: it signs with a new one (umi access board-key)";
+        }
         print(&format!("{}\n", paint(GOOD, done)))
     }
 }
@@ -82,10 +93,14 @@ pub(super) fn comes_back(address: Option<&str>) -> Result<Client, Problem> {
     }
 }
 
-/// What this board cannot do.
-pub(super) fn not_on_this_board() -> Failure {
+/// What this board cannot do, and why: it reads no jumper, or has no key of its own.
+pub(super) fn not_on_this_board(board: &mut Client) -> Failure {
+    let has_place = board.access().is_ok_and(|access| access.jumper.is_some());
     Failure::refused(
         "not_on_this_board",
-        "this board has no place for keys: it is open, and stays so",
+        match has_place {
+            true => LinkError::NoSessions.to_string(),
+            false => "this board has no place for keys: it is open, and stays so".to_owned(),
+        },
     )
 }

@@ -335,6 +335,68 @@ fn a_wipe_leaves_a_signed_record() {
     assert_eq!(rig.run(&["access", "show"]).exits(0).json()["mode"], "open");
 }
 
+/// Damages a memory of a board that is off: this bit of each sector's header.
+fn damage(rig: &Rig, name: &str) {
+    let path = std::path::PathBuf::from(rig.folder.path("state")).join(name);
+    let mut cells = std::fs::read(&path).unwrap();
+    for sector in cells.chunks_mut(4096) {
+        sector[44] ^= 4;
+    }
+    std::fs::write(&path, cells).unwrap();
+}
+
+/// Keys whose memory cannot be read any more: the board is locked, and the jumper held over two starts has it wiped.
+#[test]
+fn the_jumper_wipes_a_board_of_damaged_keys() {
+    let mut rig = Rig::claimed();
+    rig.stop();
+    for memory in ["access.flash", "custody.flash"] {
+        damage(&rig, memory);
+    }
+    rig.start(true);
+    let shown = rig.run(&["access", "show"]).exits(0).json();
+    assert_eq!(shown["mode"], "locked");
+    rig.as_of("anna", &["job", "set", JOB]).exits(2);
+    assert_eq!(code(rig.run(&["wipe", "--yes"])), "locked");
+    rig.start(true);
+    let wiped = rig.run(&["wipe", "--yes"]).exits(0).json();
+    assert_eq!(wiped["mode"], "open");
+    assert_eq!(wiped["new_board_key"], Value::Null);
+    let listed = rig.run(&["log"]).exits(0).json_lines();
+    assert!(listed.iter().any(|of| of["type"] == "wiped"));
+    rig.enrol("eve", "owner", &[]).exits(0);
+}
+
+/// A board whose own key cannot be read says so, and is not taken for one that is open. The wipe by the jumper draws another,
+/// which is told.
+#[test]
+fn a_wipe_draws_a_key_where_it_cannot_be_read() {
+    let mut rig = Rig::claimed();
+    let before = rig.as_of("olga", &["log", "head"]).exits(0).json();
+    rig.stop();
+    damage(&rig, "key.flash");
+    rig.start(false);
+    let shown = rig.run(&["access", "show"]).exits(0).json();
+    assert_eq!(shown["mode"], "claimed");
+    let refused = rig.as_of("anna", &["job", "show"]).exits(1).json();
+    assert_eq!(refused["error"]["code"], "not_on_this_board");
+    let message = refused["error"]["message"].as_str().unwrap();
+    assert!(message.contains("umi wipe"), "{message}");
+    assert_eq!(code(rig.run(&["wipe", "--yes"])), "key_needed");
+    rig.start(true);
+    assert_eq!(code(rig.run(&["wipe", "--yes"])), "key_needed");
+    rig.start(true);
+    let wiped = rig.run(&["wipe", "--yes"]).exits(0).json();
+    assert_eq!(wiped["mode"], "open");
+    let after = rig.run(&["log", "head"]).exits(0).json();
+    assert_eq!(wiped["new_board_key"], after["key_id"]);
+    assert_ne!(before["key_id"], after["key_id"]);
+    let listed = rig.run(&["log"]).exits(0).json_lines();
+    assert!(listed.iter().any(|of| of["type"] == "wiped"));
+    rig.enrol("eve", "owner", &[]).exits(0);
+    rig.as_of("eve", &["job", "set", JOB]).exits(0);
+}
+
 /// Who pulls says the time, once a minute at most.
 #[test]
 fn a_pull_says_the_time() {

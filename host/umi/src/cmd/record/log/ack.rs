@@ -12,8 +12,8 @@ use crate::show::terminal::{GOOD, paint, print, print_json};
 #[derive(Args)]
 #[command(after_help = "\
 Give the `next_seq` that `umi log verify` says of the file that you keep. What the board overwrites
-without that is counted and told by `umi info`; with `umi config set journal.full refuse` it sends
-nothing before evidence would be lost.
+without that is counted and told by `umi info`; with `umi config set journal.full refuse` it overwrites
+no evidence and sends nothing until you acknowledge.
 
 Examples:
   umi log ack 1200 --port /dev/ttyACM0")]

@@ -66,7 +66,7 @@ pub fn unsigned(why: Unsigned) -> Failure {
     let message = match why {
         Unsigned::NoKey => "this board has no key: it signs nothing",
         Unsigned::Busy => {
-            "the board has not signed in five seconds: a clamping is under way; ask again later"
+            "the board has not signed in five seconds: a clamping is under way, its journal is full, or others asked too often; wait ten minutes or use --key"
         }
         Unsigned::Overtaken => {
             "the board has overwritten entries meanwhile that no head stands behind: pull again"
