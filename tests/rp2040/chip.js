@@ -45,7 +45,7 @@ export class Chip {
     this.reach = FIRST_REACH;
     /** Until this cycle they do nothing that the core could notice. */
     this.safe = 0;
-    this.quiet = [];
+    this.running = [];
     this.stamp = -1;
     this.resetRequested = null;
     this.slept = 0;
@@ -139,10 +139,9 @@ export class Chip {
     return Math.min(limit, this.safe);
   }
 
-  /** Brings every machine up to the present. */
+  /** Brings every machine up to the present: first those that change pins, since others see that some cycles later. */
   synchronise() {
-    for (const machine of this.quiet) if (machine.t < this.now) machine.run(this.now, false);
-    for (const machine of this.live) if (machine.t < this.now) machine.run(this.now, false);
+    for (const machine of this.running) if (machine.t < this.now) machine.run(this.now, false);
   }
 
   /** Somebody has changed what machines will do. */
@@ -169,15 +168,12 @@ export class Chip {
     this.world.fill(this.epoch + this.base, this.pins);
   }
 
-  /** Which machines run beside the core, and which when somebody looks. */
+  /** Which machines run, and which of them beside the core: the others when somebody looks. */
   classify() {
-    this.live.length = 0;
-    this.quiet.length = 0;
-    for (const block of this.rp.pio) {
-      for (const machine of block.machines) {
-        if (machine.enabled) (machine.isLive ? this.live : this.quiet).push(machine);
-      }
-    }
+    const enabled = this.machines.filter((machine) => machine.enabled);
+    const drivers = enabled.filter((machine) => machine.drivesPins);
+    this.running = drivers.concat(enabled.filter((machine) => !machine.drivesPins));
+    this.live = this.running.filter((machine) => machine.isLive);
     this.disturb();
   }
 
