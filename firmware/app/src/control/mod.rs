@@ -9,7 +9,9 @@
 //!
 //! Sending goes byte by byte, and before each byte looks whether the control
 //! said XOFF. A control takes ten characters after its XOFF at most; here at most
-//! the byte at the driver and the one behind it still go out.
+//! the byte at the driver and the one behind it still go out. Behind each byte the other tasks
+//! have a turn: where a byte takes longer than the line does, the driver never waits, and neither
+//! captures nor an XOFF would be taken in before the program is out.
 //!
 //! "Go on" is obeyed at once; a READ takes its turn in the queue, behind what the control
 //! said before it.
@@ -34,6 +36,7 @@ mod throttle;
 mod xmodem;
 
 use embassy_futures::select::{Either, select};
+use embassy_futures::yield_now;
 use umi_core::journal::Flash;
 use umi_protocol::message::MAX_BYTES;
 
@@ -181,8 +184,65 @@ async fn send<F: Flash>(
                 }
                 sent.bytes += 1;
                 give_up = after(clock, hold_us);
+                yield_now().await;
             }
         }
     }
     sent
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use std::cell::RefCell;
+    use std::vec::Vec;
+
+    use core::pin::pin;
+    use embassy_futures::{block_on, poll_once};
+    use umi_core::control::Exchange;
+    use umi_core::units::Micros;
+    use umi_protocol::serial::LineSettings;
+
+    use super::*;
+    use crate::board::Broken;
+    use crate::test_board::{Hand, NoFlash};
+
+    /// A driver that is always ready: each byte takes longer than the line does.
+    struct Fast<'a>(&'a RefCell<Vec<u8>>);
+
+    impl CncTx for Fast<'_> {
+        async fn write(&mut self, byte: u8) -> Result<(), Broken> {
+            self.0.borrow_mut().push(byte);
+            Ok(())
+        }
+
+        async fn set_line(&mut self, _: LineSettings) {}
+    }
+
+    /// A program that comes out of a slow processor lets the others have their turn between any two bytes: captures are
+    /// taken in, and an XOFF stops it at the next byte.
+    #[test]
+    fn others_have_a_turn_between_two_bytes() {
+        for asked in [Exchange::Read, Exchange::Xmodem] {
+            let (app, clock) = (App::<NoFlash>::new(), Hand::default());
+            let said = RefCell::new(Vec::new());
+            let mut tx = Fast(&said);
+            let mut transmit = pin!(transmit(&app, &mut tx, &clock));
+            // There is no such program: an alarm goes out in its place.
+            let mut measure = block_on(app.measure.lock());
+            measure.ledger.wanted.set(7, true);
+            let hold_us = measure.begin(Micros(0), asked).unwrap();
+            drop(measure);
+            app.line.begin(hold_us, asked);
+            for turn in 0..1_000 {
+                // A sender of blocks waits a moment before the first.
+                clock.set(turn * 1_000);
+                let before = said.borrow().len();
+                assert!(poll_once(transmit.as_mut()).is_pending());
+                let more = said.borrow().len() - before;
+                assert!(more <= 1, "{more} bytes without a turn");
+            }
+            assert!(said.borrow().len() > 20, "{asked:?}");
+        }
+    }
 }

@@ -14,6 +14,7 @@
 //! end, it is journaled as lost, and no verdict holds any more.
 
 use embassy_futures::select::{Either, select};
+use embassy_futures::yield_now;
 use umi_core::control::XOFF_PATIENCE_US;
 use umi_core::control::xmodem::receiver::{BlockReceiver, ReceiveOutcome, ReceiveStep};
 use umi_core::control::xmodem::sender::{BlockSender, SendOutcome, SendStep};
@@ -47,6 +48,7 @@ pub(crate) async fn send<F: Flash>(app: &App<F>, tx: &mut impl CncTx, clock: &im
                 if is_hungry {
                     app.line.refill_needed.signal(());
                 }
+                yield_now().await;
                 match next {
                     Next::Byte(byte) => bytes += sender.data(&[byte], false) as u32,
                     Next::End { whole: true } => drop(sender.data(&[], true)),
@@ -159,6 +161,7 @@ async fn write(tx: &mut impl CncTx, clock: &impl Clock, bytes: &[u8]) -> bool {
         if !matches!(written, Either::First(Ok(()))) {
             return false;
         }
+        yield_now().await;
     }
     true
 }

@@ -107,7 +107,7 @@ fn main() -> ! {
 
     let parts = boot();
     let app = &APP;
-    let control = CONTROL_TASKS.start(interrupt::SWI_IRQ_0);
+    let control = CONTROL_TASKS.start(interrupt::SWI_IRQ_3);
     control.spawn(first(receive(app)));
     control.spawn(first(transmit(app)));
     control.spawn(first(latch_on(app)));
@@ -268,7 +268,7 @@ fn firmware(signed: Option<ImageVersion>) -> Name {
 
 /// Of what the drivers and executors do not set themselves.
 fn set_priorities() {
-    interrupt::SWI_IRQ_0.set_priority(resources::CONTROL_TASKS);
+    interrupt::SWI_IRQ_3.set_priority(resources::CONTROL_TASKS);
     interrupt::SWI_IRQ_1.set_priority(resources::HOST_TASKS);
     interrupt::USBCTRL_IRQ.set_priority(resources::HOST_TASKS);
     // SAFETY: the interrupt is not enabled yet, and nobody else has the controller here.
@@ -387,7 +387,7 @@ async fn end_trial(app: &'static App<Part>) {
 }
 
 #[interrupt]
-unsafe fn SWI_IRQ_0() {
+unsafe fn SWI_IRQ_3() {
     // SAFETY: this is the interrupt that the executor was started with.
     unsafe { CONTROL_TASKS.on_interrupt() }
 }

@@ -59,8 +59,9 @@ const AT_ONCE: usize = 2;
 const WAITING: usize = 32;
 /// Its interrupt lets captures go on when the UART has had its turn.
 const RESUME: Interrupt = Interrupt::SWI_IRQ_2;
-/// Its interrupt puts captures into the queue.
-const TELL: Interrupt = Interrupt::SWI_IRQ_3;
+/// Its interrupt puts captures into the queue. It has the priority of the tasks that take them out, and a
+/// lower number, so that it comes first where these have no pause.
+const TELL: Interrupt = Interrupt::SWI_IRQ_0;
 /// Pins whose edges are captured, but not those of our own pulses.
 #[allow(
     clippy::indexing_slicing,
@@ -204,7 +205,7 @@ fn SWI_IRQ_2() {
 
 /// Edges have been taken in: they go to the application one by one.
 #[interrupt]
-fn SWI_IRQ_3() {
+fn SWI_IRQ_0() {
     while let Some(edge) = with(|latches| latches.edges.pop_front()).flatten() {
         let t_ns = SystemClock::ns(edge.at);
         CAPTURES.captured(edge.cause, t_ns, edge.counts, edge.missed);
