@@ -24,6 +24,20 @@ pub(super) struct Feature {
     pub own: Own,
 }
 
+/// Balls of another radius than the file says.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct OtherBalls {
+    /// About their radius.
+    pub radius_mm: f64,
+    /// What the file says.
+    pub stated_mm: f64,
+    /// How many have about this radius.
+    pub count: usize,
+}
+
+/// Radii that differ by a smaller share are one.
+const ALIKE: f64 = 0.01;
+
 /// Points to search with at most.
 const PLACES: usize = 40_000;
 /// Points to refine with at most.
@@ -93,38 +107,57 @@ impl<'a> Sought<'a> {
             if self.class[k] != k {
                 continue;
             }
-            let starts = match &self.task.fiducials[k].shape {
-                FiducialShape::Ball { radius_mm } => {
-                    balls::starts(&self.places, *radius_mm, self.task.threads)
-                }
-                FiducialShape::Cone {
-                    half_angle_rad,
-                    height_mm,
-                } => cones::starts(&self.places, *half_angle_rad, *height_mm, self.task.threads),
-                FiducialShape::Mesh(mesh) => meshes::starts(mesh, &self.places, self.task.threads),
-            };
-            all.extend(self.settled(k, &starts));
+            let found = self.held(k);
+            all.extend(self.settled(k, found.into_iter().filter(|own| self.is_this_size(k, own))));
         }
         all
     }
 
-    /// The starts that hold, each once.
-    fn settled(&self, k: usize, starts: &[Pose]) -> Vec<Feature> {
+    /// The radius of balls in the scan that have another one than the file says, in mm; that one, and how many they are: as many
+    /// as are sought at most, those with the most points.
+    pub fn other_balls(&self) -> Option<OtherBalls> {
+        let shapes = || self.task.fiducials.iter().map(|f| &f.shape);
+        let other = |(k, shape): (usize, &FiducialShape)| {
+            let FiducialShape::Ball { radius_mm } = shape else {
+                return None;
+            };
+            let is_other = |own: &Own| !self.is_this_size(k, own);
+            let found = self.settled(k, self.held(k).into_iter().filter(is_other));
+            let sought = shapes().filter(|other| other.is_like(shape)).count();
+            let off = |f: &Feature| Some(self.size_off(k, &f.own)?.off);
+            let offs: Vec<f64> = found.iter().take(sought).filter_map(off).collect();
+            let near = |a: f64| move |b: &&f64| (a - **b).abs() < ALIKE * radius_mm;
+            let alike = |a: f64| offs.iter().filter(near(a)).count();
+            let most = offs.iter().copied().max_by_key(|&off| alike(off))?;
+            Some(OtherBalls {
+                radius_mm: radius_mm + most,
+                stated_mm: *radius_mm,
+                count: alike(most),
+            })
+        };
+        let all = shapes().enumerate().filter(|(k, _)| self.class[*k] == *k);
+        all.filter_map(other).max_by_key(|balls| balls.count)
+    }
+
+    /// What looks like the fiducial `k` of whatever size, the one with the most points first.
+    fn held(&self, k: usize) -> Vec<Own> {
         let shape = &self.task.fiducials[k].shape;
         let size = shape.size_mm();
-        let reach = (0.15 * size).max(4.0 * self.noise_mm);
-        let marks = shape.landmarks();
-        // A body has many starts: thinned points tell which of them are of any worth, all points settle those.
-        let (points, per) = match shape {
-            FiducialShape::Mesh(_) => (
-                &self.coarse,
-                self.fine.len() as f64 / self.coarse.len().max(1) as f64,
-            ),
-            _ => (&self.fine, 1.0),
-        };
         let starts = match shape {
-            FiducialShape::Mesh(_) => &self.gathered(k, starts, reach)[..],
-            _ => starts,
+            FiducialShape::Ball { radius_mm } => {
+                balls::starts(&self.places, *radius_mm, self.task.threads)
+            }
+            FiducialShape::Cone {
+                half_angle_rad,
+                height_mm,
+            } => cones::starts(&self.places, *half_angle_rad, *height_mm, self.task.threads),
+            FiducialShape::Mesh(mesh) => meshes::starts(mesh, &self.places, self.task.threads),
+        };
+        let reach = (0.15 * size).max(4.0 * self.noise_mm);
+        // A body has many starts: thinned points tell which of them are of any worth, all points settle those.
+        let (points, starts) = match shape {
+            FiducialShape::Mesh(_) => (&self.coarse, self.gathered(k, &starts, reach)),
+            _ => (&self.fine, starts),
         };
         let mut found: Vec<Own> = self
             .task
@@ -132,9 +165,21 @@ impl<'a> Sought<'a> {
             .each(starts.len(), |i| self.own_by(points, k, &starts[i], reach))
             .into_iter()
             .flatten()
-            .filter(|own| own.holds(shape) && self.is_this_size(k, own))
+            .filter(|own| own.holds(shape))
             .collect();
         found.sort_by_key(|own| std::cmp::Reverse(own.on.len()));
+        found
+    }
+
+    /// These, each once.
+    fn settled(&self, k: usize, found: impl Iterator<Item = Own>) -> Vec<Feature> {
+        let shape = &self.task.fiducials[k].shape;
+        let size = shape.size_mm();
+        let marks = shape.landmarks();
+        let per = match shape {
+            FiducialShape::Mesh(_) => self.fine.len() as f64 / self.coarse.len().max(1) as f64,
+            _ => 1.0,
+        };
         let mut kept: Vec<Feature> = Vec::new();
         for own in found {
             if kept.len() == KEPT {

@@ -24,6 +24,14 @@ pub(super) struct Own {
     pub beside: usize,
 }
 
+/// How much larger or steeper than it should be something is, and what that may be.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SizeOff {
+    pub off: f64,
+    /// What may be, either way.
+    pub most: f64,
+}
+
 /// Points that a fiducial needs.
 const LEAST: usize = 12;
 /// Steps at the end of a fit at most.
@@ -135,6 +143,13 @@ impl Sought<'_> {
 
     /// Whether what was found is as large (a ball) or as steep (a cone) as it should be.
     pub fn is_this_size(&self, k: usize, own: &Own) -> bool {
+        self.size_off(k, own)
+            .is_none_or(|SizeOff { off, most }| off.abs() < most)
+    }
+
+    /// How much larger (a ball, in mm) or steeper (a cone, in rad) what was found is than it should be. None: it is a body, or
+    /// too little of it is seen to tell.
+    pub fn size_off(&self, k: usize, own: &Own) -> Option<SizeOff> {
         let shape = &self.task.fiducials[k].shape;
         // How a distance changes with the size, and how far the size may be off.
         let grow = |p: &Vec3| match shape {
@@ -145,7 +160,7 @@ impl Sought<'_> {
             _ => -1.0,
         };
         let tolerance = match shape {
-            FiducialShape::Mesh(_) => return true,
+            FiducialShape::Mesh(_) => return None,
             FiducialShape::Ball { radius_mm } => 0.01 * radius_mm,
             FiducialShape::Cone { .. } => 1f64.to_radians(),
         };
@@ -169,13 +184,16 @@ impl Sought<'_> {
         let by_pose = crate::solve::pseudo_solve(&six, &cross, 1e-9);
         let left = matrix[(6, 6)] - cross.dot(&by_pose);
         if left < 1e-4 * rms_grow.max(1e-12) {
-            return true;
+            return None;
         }
         let first: Vector6<f64> = right.fixed_view::<6, 1>(0, 0).into_owned();
         let off = (right[6] - by_pose.dot(&first)) / left;
         let u = own.sigma_mm / left.sqrt();
         let rough = 0.5 * own.sigma_mm / (rms_grow / n).sqrt();
-        off.abs() < tolerance + rough + 5.0 * u
+        Some(SizeOff {
+            off,
+            most: tolerance + rough + 5.0 * u,
+        })
     }
 }
 

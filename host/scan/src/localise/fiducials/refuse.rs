@@ -565,11 +565,17 @@ fn nothing(sought: &Sought<'_>, features: &[Feature]) -> ScanError {
         .map(|f| f.name.as_str())
         .collect();
     let names = names.join(", ");
-    let message = match features.len() {
-        0 => format!(
+    let other = sought.other_balls();
+    let message = match (features.len(), other) {
+        (0, Some(balls)) => format!(
+            "no ball in the scan has the radius of the fiducials ({names}), {:.3} mm: {} have about {:.3} mm. Measure the balls \
+             (half of their diameter) and mend radius_mm, if these are the fiducials; a scanner reads a shiny ball too large",
+            balls.stated_mm, balls.count, balls.radius_mm
+        ),
+        (0, None) => format!(
             "nothing in the scan looks like one of the fiducials ({names}): are they in view, and is this their file?"
         ),
-        count => format!(
+        (count, _) => format!(
             "of what looks like a fiducial in the scan ({count} places) nothing stands as the file has {names}: are they in \
              view, and is this their file?"
         ),

@@ -412,6 +412,27 @@ fn balls_of_another_radius_are_ng_by_their_names() {
     }
 }
 
+/// Where all balls have another radius than the file says, as one inch for 25 mm, what they have is told.
+#[test]
+fn the_radius_that_all_balls_have_is_told() {
+    let mut random = Random(59);
+    let scanner = random.pose();
+    for radius_mm in [12.0_f64, 12.2, 13.2, 13.4] {
+        let mut bodies = balls();
+        for body in &mut bodies {
+            body.shape = FiducialShape::Ball { radius_mm };
+        }
+        let points = scan(&bodies, &scanner, &mut random);
+        let refusal = refused(&balls(), &points);
+        assert_eq!(refusal.code, "no_fiducial");
+        let words = refusal.message;
+        let (before, told) = words.split_once(" have about ").unwrap();
+        assert!(before.ends_with("12.700 mm: 4"), "{words}");
+        let told: f64 = told.split_once(' ').unwrap().0.parse().unwrap();
+        assert!((told - radius_mm).abs() < 0.08, "{radius_mm}: {words}");
+    }
+}
+
 /// Spray on all balls that is too thin to be told from the noise: it shifts all centres along the line of sight, and the
 /// stated doubt holds that.
 #[test]
