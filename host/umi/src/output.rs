@@ -65,21 +65,11 @@ impl Force {
         outputs: impl IntoIterator<Item = &'a PathBuf>,
         inputs: &[&Path],
     ) -> Result<(), Failure> {
-        let mut known: Vec<&Path> = Vec::new();
-        for output in outputs {
-            if known.contains(&output.as_path()) {
-                return Err(Failure::trouble(
-                    "file",
-                    format_args!(
-                        "{} is to hold two things: give each a name of its own",
-                        output.display()
-                    ),
-                ));
-            }
-            self.check(output, inputs)?;
-            known.push(output);
-        }
-        Ok(())
+        let outputs: Vec<&PathBuf> = outputs.into_iter().collect();
+        distinct(outputs.iter().map(|output| output.as_path()))?;
+        outputs
+            .into_iter()
+            .try_for_each(|output| self.check(output, inputs))
     }
 
     /// Writes a file by this rule.

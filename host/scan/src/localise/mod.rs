@@ -140,11 +140,22 @@ impl LocaliseTask<'_> {
             },
             None => self.finish(&surface, found.clone())?,
         };
-        if let Some(refusal) = found.refusal(&located, &self.model.corners()) {
+        let corners = self.model.corners();
+        if let Some(refusal) = found.refusal(&located, &corners) {
             return Err(refusal);
         }
         if self.kernel.is_some() {
             return Ok(located);
+        }
+        if !found.doubts.is_empty() && found.is_at(&located, &corners) {
+            located.certainty = located.certainty.or_moved(&found.doubts);
+            located.reasons = verdict_reasons(
+                &located,
+                &corners,
+                self.limit_mm,
+                self.scale_limit_ppm,
+                "part",
+            );
         }
         located.chosen.search_mm = Some(cell_mm);
         located.chosen.normals_mm = Some(scene::NORMALS * cell_mm);

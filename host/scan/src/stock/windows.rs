@@ -22,6 +22,8 @@ const GIVEN: usize = 100;
 const ASKED: usize = 64;
 /// Samples are beside each other within so many times the side of the square that each has.
 const BESIDE: f64 = 2.5;
+/// The facets of a round may turn so far from one to the next: six make a bore.
+const ROUND: f64 = 0.47;
 /// Neighbours that a sample is asked for, and that a foot is: the other side of a thin wall is among them.
 const NEIGHBOURS: usize = 24;
 const OTHERS: usize = 4;
@@ -34,10 +36,11 @@ struct Sample {
     triangle: usize,
 }
 
-/// The samples of a surface, and which of them are beside each other on one face.
+/// The samples of a surface, and which of them are beside each other on one face, or on one round of facets.
 pub(super) struct Sampled {
     samples: Vec<Sample>,
     beside: Vec<Vec<u32>>,
+    around: Vec<Vec<u32>>,
     tree: PointTree,
     /// The least cosine between the normals of one face.
     least: f64,
@@ -51,29 +54,32 @@ impl Sampled {
         let at: Vec<Vec3> = samples.iter().map(|s| s.at).collect();
         let tree = PointTree::new(&at);
         let reach = BESIDE * (all / SAMPLES as f64).sqrt();
-        let steep = (1.0 - least * least).sqrt();
-        let beside = threads.each(samples.len(), |i| {
-            let here = samples[i];
+        let near = |i: usize| {
             let mut found = Vec::new();
-            tree.within(&here.at, reach, NEIGHBOURS, &mut found);
-            let is_beside = |&k: &u32| {
-                let other = samples[k as usize];
-                let way = other.at - here.at;
-                let up = |normal: &Vec3| way.dot(normal).abs() <= steep * way.norm();
-                k as usize != i
-                    && here.normal.dot(&other.normal) >= least
-                    && up(&here.normal)
-                    && up(&other.normal)
-            };
-            found
-                .into_iter()
-                .map(|(_, k)| k)
-                .filter(is_beside)
-                .collect()
-        });
+            tree.within(&samples[i].at, reach, NEIGHBOURS, &mut found);
+            found.into_iter().map(|(_, k)| k)
+        };
+        // With normals that have this cosine, and neither far above the other.
+        let is_beside = |i: usize, k: u32, least: f64| {
+            let (here, other) = (samples[i], samples[k as usize]);
+            let way = other.at - here.at;
+            let steep = (1.0 - least * least).sqrt() * way.norm();
+            let up = |normal: &Vec3| way.dot(normal).abs() <= steep;
+            k as usize != i
+                && here.normal.dot(&other.normal) >= least
+                && up(&here.normal)
+                && up(&other.normal)
+        };
+        let by = |least: f64| {
+            threads.each(samples.len(), |i| {
+                near(i).filter(|k| is_beside(i, *k, least)).collect()
+            })
+        };
+        let (beside, around) = (by(least), by(ROUND.min(least)));
         Self {
             samples,
             beside,
+            around,
             tree,
             least,
         }
@@ -131,8 +137,8 @@ impl Sampled {
         bare
     }
 
-    /// The `size` samples nearest to one, of its own face and, if so told, its own direction; all that there are where they
-    /// are fewer.
+    /// The `size` samples nearest to one, of its own face and direction or, if so told, of the whole round of facets; all
+    /// that there are where they are fewer.
     fn window(&self, centre: usize, size: usize, one_way: bool) -> Vec<u32> {
         let here = self.samples[centre];
         let mut known = vec![false; self.samples.len()];
@@ -144,7 +150,8 @@ impl Sampled {
             if window.len() == size {
                 break;
             }
-            for &next in &self.beside[at as usize] {
+            let beside = if one_way { &self.beside } else { &self.around };
+            for &next in &beside[at as usize] {
                 let other = self.samples[next as usize];
                 let is_asked = !one_way || other.normal.dot(&here.normal) >= self.least;
                 if !known[next as usize] && is_asked {

@@ -30,6 +30,8 @@ pub(super) struct Stray {
     pub fiducial: usize,
     /// Where it is, less where the others put it, in the machine's frame, in mm.
     pub off_mm: Vec3,
+    /// By how much it is turned against where the others put it, in rad; 0 where that is not known.
+    pub turned_rad: f64,
 }
 
 /// Whether all agree, as far as they are known.
@@ -228,6 +230,8 @@ impl Seen {
                 Stray {
                     fiducial: *k,
                     off_mm: self.machine.rotation.tr_mul(&off),
+                    // A ball has no turn.
+                    turned_rad: if e.ranks[i] > 3 { w.norm() } else { 0.0 },
                 }
             })
             .collect()

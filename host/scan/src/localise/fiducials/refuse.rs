@@ -33,6 +33,9 @@ const FAR_MORE: f64 = 1.3;
 const SIDE_SHOWN: f64 = 0.2;
 const SIDE_BESIDE: usize = 10;
 
+/// A smaller turn of a fiducial is not told: 1 micrometre over 50 mm.
+const TURNED_RAD: f64 = 2e-5;
+
 /// What others say of a side holds to so many standard deviations.
 const SURELY: f64 = 4.0;
 
@@ -225,6 +228,7 @@ fn judged(
             .map(|(fiducial, off_mm)| Stray {
                 fiducial: *fiducial,
                 off_mm: *off_mm,
+                turned_rad: 0.0,
             })
             .collect();
         return Err(disagree(sought.task, &strays));
@@ -494,6 +498,7 @@ fn alone(sought: &Sought<'_>, tried: &[Tried]) -> Result<(), ScanError> {
             Some(Stray {
                 fiducial: *f,
                 off_mm: best.seen.machine.rotation.tr_mul(&off),
+                turned_rad: 0.0,
             })
         })
         .collect();
@@ -504,6 +509,7 @@ fn alone(sought: &Sought<'_>, tried: &[Tried]) -> Result<(), ScanError> {
     all.push(Stray {
         fiducial: *own,
         off_mm: -all[0].off_mm,
+        turned_rad: 0.0,
     });
     Err(disagree(sought.task, &all))
 }
@@ -626,8 +632,13 @@ pub(super) fn disagree(task: &FiducialTask<'_>, strays: &[Stray]) -> ScanError {
         .map(|s| {
             // No minus zero.
             let v = s.off_mm.map(|mm| (mm * 1e3).round() / 1e3 + 0.0);
+            let turned = if s.turned_rad > TURNED_RAD {
+                format!(", and turned by {:.3} degrees", s.turned_rad.to_degrees())
+            } else {
+                String::new()
+            };
             format!(
-                "{} is {:.3} mm from where the others put it (X {:+.3}, Y {:+.3}, Z {:+.3})",
+                "{} is {:.3} mm from where the others put it (X {:+.3}, Y {:+.3}, Z {:+.3}){turned}",
                 name(s),
                 s.off_mm.norm(),
                 v.x,
@@ -638,7 +649,14 @@ pub(super) fn disagree(task: &FiducialTask<'_>, strays: &[Stray]) -> ScanError {
         .collect();
     let list: Vec<Value> = strays
         .iter()
-        .map(|s| json!({"name": name(s), "off_mm": s.off_mm.norm(), "vector_mm": s.off_mm.as_slice()}))
+        .map(|s| {
+            json!({
+                "name": name(s),
+                "off_mm": s.off_mm.norm(),
+                "vector_mm": s.off_mm.as_slice(),
+                "turned_rad": s.turned_rad,
+            })
+        })
         .collect();
     ScanError::refused(
         "fiducials_disagree",

@@ -363,6 +363,16 @@ impl Certainty {
         self
     }
 
+    /// With every place moved by any of these, or not, in mm.
+    #[must_use]
+    pub(super) fn or_moved(mut self, ways: &[Vec3]) -> Self {
+        let mut places = self.cov.fixed_view_mut::<3, 3>(3, 3);
+        for way in ways {
+            places += way * way.transpose();
+        }
+        self
+    }
+
     /// That of `motion` after `first`, which is exact.
     #[must_use]
     pub(super) fn before(self, motion: &Pose, first: &Pose) -> Self {

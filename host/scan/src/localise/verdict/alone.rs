@@ -63,6 +63,7 @@ impl Judge<'_> {
                         cell_mm: scene.cell_mm,
                         beside,
                         aside: None,
+                        doubts: Vec::new(),
                     });
                 }
                 Rivals::Equal(axes, equal) => {
@@ -314,6 +315,7 @@ impl Judge<'_> {
                 cell_mm: scene.cell_mm,
                 beside: None,
                 aside: None,
+                doubts: Vec::new(),
             });
         }
         let poses: Vec<Pose> = std::iter::once(&best.motion)

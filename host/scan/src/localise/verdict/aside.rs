@@ -1,13 +1,17 @@
 //! Whether a face of what was scanned stands off, and the part lies as well on that one.
 //!
 //! A plate that is 1 mm too thick lies on its bottom and its sides, or on its top and its sides. Either pose has a face of
-//! the scan 1 mm off, and which of the two is meant the scan does not say.
+//! the scan 1 mm off, and which of the two is meant the scan does not say. Seen from above, its top has most of the points;
+//! that the floors of its pockets lie 1 mm deep in the part then says that the top stands off.
+//!
+//! What stands off by little, as any face that is machined to a tolerance, is a doubt of the pose along that way; by more,
+//! it is refused. And where a fit ended between such a face and the others, it is begun anew from where either lies on the
+//! part: most of the scan is as the model has it then, to its own noise.
 
 use std::collections::BTreeMap;
 
 use super::symmetry::ambiguous;
 use super::{Decided, Judge};
-use crate::ScanError;
 use crate::localise::fit::{self, Fit};
 use crate::localise::search::scene::Scene;
 use crate::localise::verdict::rivals::{is_clearly_off, on};
@@ -16,21 +20,116 @@ use crate::solve::{Measured, measure_within};
 use crate::stock::median;
 
 /// What lies farther off than this, over the part's diagonal, is another body's.
-const REACH: f64 = 0.02;
-/// A side stands off if it has this share of the points on the part, and this share of those lies at one distance.
-const SHARE: f64 = 0.1;
+const REACH: f64 = 0.04;
+/// A side with fewer points says nothing, nor one of which a smaller share lies at one distance.
+const LEAST: usize = 15;
 const EVEN: f64 = 0.6;
-/// The part lies as well on that side if it has this share of the points there.
+/// Sides stand off if they have this share of the points on the part.
+const SHARE: f64 = 0.1;
+/// The part lies as well on them if it has this share of the points there.
 const AS_WELL: f64 = 0.85;
+/// A fit beside another one is better if most of that one's points lie on the part by it, and what is off has this share.
+const MOST: f64 = 0.55;
+const BETTER: f64 = 0.9;
+/// Faces that a fit can have ended beside, one after the other.
+const TURNS: usize = 4;
+/// Sides are parallel if their normals have this cosine.
+const PARALLEL: f64 = 0.9998;
+
+/// A flat side of which the scan shows how far it lies off the part.
+struct Side {
+    /// In the scan.
+    normal: Vec3,
+    /// Along the normal, in mm.
+    off_mm: f64,
+    points: usize,
+}
+
+impl Side {
+    /// How far it lies off along the normal of another one; none if the two are not parallel.
+    fn off_along(&self, normal: &Vec3) -> Option<f64> {
+        let cosine = self.normal.dot(normal);
+        (cosine.abs() > PARALLEL).then_some(self.off_mm * cosine.signum())
+    }
+}
 
 impl Judge<'_> {
-    /// With the refusal of a part that lies as well on a face that stands off.
-    pub(super) fn with_aside(&self, scene: &Scene, decided: Decided) -> Decided {
-        let aside = self.aside(scene, &decided.fit);
-        Decided { aside, ..decided }
+    /// With the refusal of a part that lies as well on a face that stands off, or with the doubt by it.
+    pub(super) fn with_aside(&self, scene: &Scene, mut decided: Decided) -> Decided {
+        for _ in 0..TURNS {
+            let Some(better) = self.better_beside(scene, &decided.fit) else {
+                break;
+            };
+            decided.fit = better;
+        }
+        let sigma = self.noise(scene, &decided.fit);
+        for (shift, other) in self.aside(scene, &decided.fit) {
+            if is_clearly_off(shift.norm() / sigma) {
+                let why = format!(
+                    "a face of what was scanned stands {:.3} mm off the part, which lies as well on that face and off another one",
+                    shift.norm()
+                );
+                let what = "measure the part, and crop the scan to the faces that are as the model has them";
+                decided.aside = Some(ambiguous(&[], &[decided.fit.motion, other], &why, what));
+            } else if decided
+                .doubts
+                .iter()
+                .all(|known| (known - shift).norm() > sigma)
+            {
+                decided.doubts.push(shift);
+            }
+        }
+        decided
     }
 
-    fn aside(&self, scene: &Scene, fit: &Fit) -> Option<ScanError> {
+    /// A fit from where some of a large side lie on the part, if more of the scan is as the model has it by that one.
+    fn better_beside(&self, scene: &Scene, fit: &Fit) -> Option<Fit> {
+        let noise = scene.noise_mm;
+        let limit = fit::INLIER * noise;
+        let reach = REACH * self.prepared.diagonal;
+        let measure = |motion: &Pose| {
+            let threads = self.task.threads;
+            measure_within(self.surface, &scene.fine, motion, &[], reach, threads)
+        };
+        let off = |measured: &[Measured]| {
+            let squares = measured
+                .iter()
+                .map(|m| m.distance_mm.abs().min(limit).powi(2));
+            squares.sum::<f64>()
+        };
+        let here = measure(&fit.motion);
+        let near = |limit: f64, measured: &[Measured]| {
+            let near = measured.iter().filter(|m| m.distance_mm.abs() < limit);
+            near.count() as f64
+        };
+        let all = near(fit::INLIER * fit.sigma_mm.max(noise), &here);
+        let mut best = (BETTER * off(&here), None);
+        for (mut offs, normal) in self.by_side(&here, &fit.motion) {
+            if (offs.len() as f64) < SHARE * all {
+                continue;
+            }
+            offs.sort_by(f64::total_cmp);
+            for quarter in 1..4 {
+                let by = offs[quarter * offs.len() / 4];
+                if by.abs() < limit / 2.0 {
+                    continue;
+                }
+                let moved = Pose::shift_mm(normal * by).after(&fit.motion);
+                let Some(other) = self.refine_within(scene, &moved, fit::CLOSE * noise) else {
+                    continue;
+                };
+                let there = measure(&other.motion);
+                let left = off(&there);
+                if left < best.0 && near(limit, &there) > MOST * all {
+                    best = (left, Some(other));
+                }
+            }
+        }
+        best.1
+    }
+
+    /// Other places of the part, each a face that stands off: by how much and which way, and the pose.
+    fn aside(&self, scene: &Scene, fit: &Fit) -> Vec<(Vec3, Pose)> {
         let (threads, sigma) = (self.task.threads, self.noise(scene, fit));
         let reach = REACH * self.prepared.diagonal;
         let measure =
@@ -41,40 +140,57 @@ impl Judge<'_> {
         };
         let here = measure(&fit.motion);
         let all = count_on(&here);
-        // By side: how far its points are off, and which way that is.
-        let mut aside: BTreeMap<u32, (Vec<f64>, Vec3)> = BTreeMap::new();
-        for m in &here {
-            if m.distance_mm < reach && is_clearly_off(m.distance_mm / sigma) {
-                let normal = fit.motion.rotation * self.task.model.triangles()[m.face].normal;
-                let side = aside.entry(self.prepared.sides[m.face]);
-                side.or_insert((Vec::new(), normal)).0.push(m.distance_mm);
-            }
-        }
-        for (mut off, normal) in aside.into_values() {
-            if (off.len() as f64) < SHARE * all {
-                continue;
-            }
-            let by = median(&mut off);
-            let even = off.iter().filter(|d| on((*d - by) / sigma)).count();
-            if (even as f64) < EVEN * off.len() as f64 {
-                continue;
-            }
-            let moved = Pose::shift_mm(normal * by).after(&fit.motion);
-            let Some(other) = self.refine_within(scene, &moved, fit::CLOSE * sigma) else {
-                continue;
+        let sides = self.sides_of(&here, &fit.motion, sigma);
+        let off = sides.iter().filter(|side| !on(side.off_mm / sigma));
+        let there = off.filter_map(|side| {
+            let along = |by: f64| {
+                let beside = sides.iter().filter(move |other| {
+                    let there = other.off_along(&side.normal);
+                    there.is_some_and(|there| on((there - by) / sigma))
+                });
+                beside.fold((0, 0), |(count, points), s| (count + 1, points + s.points))
             };
-            if count_on(&measure(&other.motion)) > AS_WELL * all {
-                return Some(ambiguous(
-                    &[],
-                    &[fit.motion, other.motion],
-                    &format!(
-                        "a face of what was scanned stands {:.3} mm off the part, which lies as well on that face and off another one",
-                        by.abs()
-                    ),
-                    "measure the part, and crop the scan to the faces that are as the model has them",
-                ));
+            let shift = side.normal * side.off_mm;
+            let moved = Pose::shift_mm(shift).after(&fit.motion);
+            let (with, points) = along(side.off_mm);
+            // Several that are sunk into the part by the same amount, where fewer lie on it: these stand off.
+            if side.off_mm < 0.0 && with > along(0.0).0.max(1) {
+                return Some((shift, moved));
             }
+            if (points as f64) < SHARE * all {
+                return None;
+            }
+            let other = self.refine_within(scene, &moved, fit::CLOSE * sigma)?;
+            let as_well = count_on(&measure(&other.motion)) > AS_WELL * all;
+            as_well.then_some((shift, other.motion))
+        });
+        there.collect()
+    }
+
+    /// The flat sides of the part that the scan shows, each at one distance.
+    fn sides_of(&self, measured: &[Measured], motion: &Pose, sigma: f64) -> Vec<Side> {
+        let flat = |(mut off, normal): (Vec<f64>, Vec3)| {
+            let off_mm = median(&mut off);
+            let even = off.iter().filter(|d| on((*d - off_mm) / sigma)).count();
+            (off.len() >= LEAST && even as f64 >= EVEN * off.len() as f64).then_some(Side {
+                normal,
+                off_mm,
+                points: off.len(),
+            })
+        };
+        let sides = self.by_side(measured, motion).into_iter();
+        sides.filter_map(flat).collect()
+    }
+
+    /// By side of the part: how far each point near it lies off, in mm, and which way that is in the scan.
+    fn by_side(&self, measured: &[Measured], motion: &Pose) -> Vec<(Vec<f64>, Vec3)> {
+        let reach = REACH * self.prepared.diagonal;
+        let mut all: BTreeMap<u32, (Vec<f64>, Vec3)> = BTreeMap::new();
+        for m in measured.iter().filter(|m| m.distance_mm.abs() < reach) {
+            let normal = motion.rotation * self.task.model.triangles()[m.face].normal;
+            let side = all.entry(self.prepared.sides[m.face]);
+            side.or_insert((Vec::new(), normal)).0.push(m.distance_mm);
         }
-        None
+        all.into_values().collect()
     }
 }

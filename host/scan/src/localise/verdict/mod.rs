@@ -46,18 +46,23 @@ pub(super) struct Decided {
     pub beside: Option<ScanError>,
     /// The refusal of a part that lies as well on a face that stands off, where that is not by its size.
     pub aside: Option<ScanError>,
+    /// Ways that the part may be off by, as a face that stands off by little says, in the scan, in mm.
+    pub doubts: Vec<Vec3>,
 }
 
 impl Decided {
     /// Why what the end came to is no answer: the part lies as well beside it. Nothing where the end came to another place; nor
     /// of a face that stands off where the verdict is NG without that, as by the size.
     pub fn refusal(&self, located: &Located, corners: &[Vec3]) -> Option<ScanError> {
-        let moved_mm = located.motion.apart_mm(&self.fit.motion, corners);
         let aside = self.aside.as_ref().filter(|_| located.reasons.is_empty());
         let refusal = self.beside.as_ref().or(aside);
-        refusal
-            .filter(|_| moved_mm < fit::CLOSE * located.sigma_mm)
-            .cloned()
+        refusal.filter(|_| self.is_at(located, corners)).cloned()
+    }
+
+    /// Whether the end came to this place.
+    pub fn is_at(&self, located: &Located, corners: &[Vec3]) -> bool {
+        let moved_mm = located.motion.apart_mm(&self.fit.motion, corners);
+        moved_mm < fit::CLOSE * located.sigma_mm
     }
 }
 
@@ -72,6 +77,7 @@ impl Decided {
             cell_mm: 0.0,
             beside: None,
             aside: None,
+            doubts: Vec::new(),
         }
     }
 }
@@ -547,16 +553,8 @@ impl<'a> Judge<'a> {
         // Enough to tell poses apart; what is printed uses all points. A cell of the field is as rough as that.
         let share = 3.0 * reach / diagonal + ROUGH;
         let few = self.around(&scene.fine, motion, COMPARED, share);
-        let threads = self.task.threads;
-        fit::settle(
-            self.surface,
-            &few,
-            motion,
-            reach,
-            self.floor(scene),
-            8,
-            threads,
-        )
+        let (floor, threads) = (self.floor(scene), self.task.threads);
+        fit::settle(self.surface, &few, motion, reach, floor, 8, threads)
     }
 
     fn worth(&self, scene: &Scene, fit: &Fit) -> Worth {

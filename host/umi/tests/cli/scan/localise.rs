@@ -197,12 +197,14 @@ fn a_file_of_fiducials_that_is_wrong_is_told_so() {
     // Pose and page would overwrite each other.
     let (scan, part) = ("optimum_balls.ply", "bracket.stl");
     let both = folder.path("both");
-    let twice = [
-        "scan", "localise", scan, "--part", part, "-o", &both, "--report", &both,
-    ];
-    let error = &run(&twice).exits(1).json()["error"];
-    let message = error["message"].as_str().unwrap();
-    assert!(message.contains("give each a name of its own"), "{error}");
+    for also in [both.clone(), folder.path("./both")] {
+        let twice = [
+            "scan", "localise", scan, "--part", part, "-o", &both, "--report", &also,
+        ];
+        let error = &run(&twice).exits(1).json()["error"];
+        let message = error["message"].as_str().unwrap();
+        assert!(message.contains("a name of its own"), "{error}");
+    }
 }
 
 /// Three balls on a table: what the scanner of a scene sees, and where they say that it stands.

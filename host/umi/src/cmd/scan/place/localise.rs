@@ -123,7 +123,8 @@ what nothing else holds is free (degenerate). Crop the scan to one part: a secon
 kind makes it ambiguous. Three faces that meet in one corner fit any part with such a corner:
 they are taken where nothing of them is missing, and say nothing of the size. A plate that
 is too thick lies as well on its top as on its bottom: ambiguous, with how far the face is
-off; crop the scan to the faces that are as the model has them.
+off, up to 4 % of the part's diagonal. So is one of which the top alone stands high, where the
+floors of its pockets say so. Crop the scan to the faces that are as the model has them.
 
 Fiducials are balls, cones (apex at the origin, opening to -Z) and reference surfaces of
 any shape; where they stand, and how sure, is in their file:

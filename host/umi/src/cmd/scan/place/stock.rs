@@ -88,8 +88,9 @@ it is the raw part's own, scan what lies between, or say --apart.
 What is not scanned is told (NG unmeasured, above 1 % of the part's area): a face, or any
 part of one that is as large as 1 % of the area, or as 100 points of the scan cover where
 it has fewer than 10 000, with less than a tenth of the points that such an area has on
-average. The side of a bore or of a boss is one face all around; bores that are smaller
-than that are not asked, however many they are. A hole in what was scanned is told from
+average. The side of a bore or of a boss is one face all around, also of six flat sides;
+bores that are smaller than that are not asked, however many they are, nor walls at right
+angles that are each smaller. A hole in what was scanned is told from
 1.5 times that size on if it is round; a long and narrow one can be missed.
 A side that is scanned 20 times as thinly as more than half of the part counts as not scanned.
 A wall or a jaw that is nearer looks as a raw face would, and counts as one: nothing in
