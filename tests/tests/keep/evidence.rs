@@ -2,12 +2,12 @@
 
 use std::time::{Duration, Instant};
 
-use umi_client::board::link::{Acknowledged, Client};
+use umi_client::board::link::{Acknowledged, Client, LinkError};
 use umi_client::journal::verify::verify;
 use umi_client::journal::{self, FileItem, PullRequest, PullStep, Pulled};
 use umi_client::problem::Problem;
 use umi_client::programs;
-use umi_core::journal::Geometry;
+use umi_core::journal::{Flash as _, Geometry};
 use umi_protocol::config::{BoardConfig, JournalConfig, WhenFull};
 use umi_protocol::message::Record;
 use umi_protocol::program::{ProgramInfo, ProgramRefusal, Release, Stated};
@@ -179,14 +179,8 @@ fn ten_laps_of_noise_cost_no_evidence() {
 /// has pulled it says so, and the next correction goes out.
 #[test]
 fn a_full_journal_holds_corrections_back() {
-    let ring = Geometry {
-        sectors: 3,
-        sector_size: 32_768,
-        write_size: 1,
-        page_size: 256,
-    };
     let config = Config {
-        evidence: Some(VirtualFlash::in_memory(ring)),
+        evidence: Some(VirtualFlash::in_memory(RING)),
         ..config()
     };
     let (board, mut client) = start(&config);
@@ -198,13 +192,12 @@ fn a_full_journal_holds_corrections_back() {
         ..BoardConfig::default()
     };
     client.set_config(&refuse).unwrap().unwrap();
-    let correction = |text: &[u8]| String::from_utf8_lossy(text).contains("G10");
     cut(&board, &mut client, 0);
     let mut went_out = 0;
     loop {
         let sent = cut(&board, &mut client, 1 + went_out % 4);
         assert!(!sent.is_empty());
-        if !correction(&sent) {
+        if !is_correction(&sent) {
             break;
         }
         went_out += 1;
@@ -228,7 +221,10 @@ fn a_full_journal_holds_corrections_back() {
     // It stays so, whatever is measured, and over a restart; all of the evidence is still there.
     let (mut board, mut client) = (board, client);
     for turn in 0..60 {
-        assert!(!correction(&cut(&board, &mut client, turn % 5)), "{turn}");
+        assert!(
+            !is_correction(&cut(&board, &mut client, turn % 5)),
+            "{turn}"
+        );
         if turn == 30 {
             drop((board, client));
             (board, client) = start(&config);
@@ -252,8 +248,131 @@ fn a_full_journal_holds_corrections_back() {
         Acknowledged::NoEntry(_)
     ));
     for turn in 1..5 {
-        assert!(correction(&cut(&board, &mut client, turn)), "{turn}");
+        assert!(is_correction(&cut(&board, &mut client, turn)), "{turn}");
     }
+}
+
+/// Whether a correction stands in what the control has read.
+fn is_correction(text: &[u8]) -> bool {
+    String::from_utf8_lossy(text).contains("G10")
+}
+
+/// A ring of evidence of three sectors.
+const RING: Geometry = Geometry {
+    sectors: 3,
+    sector_size: 32_768,
+    write_size: 1,
+    page_size: 256,
+};
+
+/// A board whose journal takes no more verdicts until somebody acknowledges.
+fn full(config: &Config) -> (VirtualBoard, Client) {
+    let (board, mut client) = start(config);
+    client.set_job(&job()).unwrap().unwrap();
+    let mut refuse = BoardConfig::default();
+    refuse.journal.full = WhenFull::Refuse;
+    client.set_config(&refuse).unwrap().unwrap();
+    cut(&board, &mut client, 0);
+    for turn in 0..400 {
+        if !is_correction(&cut(&board, &mut client, 1 + turn % 4)) {
+            return (board, client);
+        }
+    }
+    panic!("nothing was held back");
+}
+
+/// A sector of the ring is erased or all zeros, behind the board's back, where the journal is full: who acknowledges it
+/// is heard, the next corrections go out, and none of what is gone is told as there.
+#[test]
+fn damage_blocks_no_acknowledgement() {
+    for (sector, is_erased) in [(0, false), (1, true), (2, false)] {
+        let mut ring = VirtualFlash::in_memory(RING);
+        let config = Config {
+            evidence: Some(ring.clone()),
+            ..config()
+        };
+        drop(full(&config));
+        let (board, mut client) = start(&config);
+        let gone = client.journal_info().unwrap().lost;
+        drop((board, client));
+        ring.erase(sector).unwrap();
+        if !is_erased {
+            let zeros = [0; 32_768];
+            ring.program(sector * RING.sector_size, &zeros).unwrap();
+        }
+        let (board, mut client) = start(&config);
+        let info = client.journal_info().unwrap();
+        assert!(info.lost >= gone, "{sector}: {} {gone}", info.lost);
+        let acked = client.journal_ack(info.next_seq).unwrap();
+        assert_eq!(acked, Acknowledged::Done, "{sector}");
+        for turn in 1..5 {
+            let text = cut(&board, &mut client, turn);
+            assert!(is_correction(&text), "{sector} {turn}");
+        }
+    }
+}
+
+/// Where not even starts find room any more, what a host asks for is refused by that reason. Acknowledgements that
+/// free nothing take no turn; one that does lets the board go on, and the journal has its start.
+#[test]
+fn a_start_without_room_is_told_when_there_is_some() {
+    let config = Config {
+        evidence: Some(VirtualFlash::in_memory(RING)),
+        ..config()
+    };
+    let (mut board, mut client) = full(&config);
+    let lacks = |client: &mut Client| client.status().unwrap().journal_failures;
+    for _ in 0..400 {
+        drop((board, client));
+        (board, client) = start(&config);
+        if lacks(&mut client) >= 3 {
+            break;
+        }
+    }
+    assert!(lacks(&mut client) >= 3, "every start found room");
+    let text = cut(&board, &mut client, 1);
+    assert!(String::from_utf8_lossy(&text).contains("JOURNAL FULL"));
+    let refused = client.set_config(&BoardConfig::default()).unwrap_err();
+    assert!(matches!(refused, LinkError::JournalFull), "{refused}");
+    let unsigned = journal::head(&mut client, [7; 32], Duration::from_millis(1500)).unwrap();
+    assert_eq!(unsigned.unwrap_err(), journal::Unsigned::Full);
+    for seq in 1..=20 {
+        let refused = client.journal_ack(seq).unwrap_err();
+        assert!(matches!(refused, LinkError::JournalFull), "{refused}");
+    }
+    let before = client.journal_info().unwrap().next_seq;
+    assert_eq!(client.journal_ack(before).unwrap(), Acknowledged::Done);
+    // The first clamping teaches nothing anew: the reference is as it was.
+    for turn in 1..5 {
+        let text = cut(&board, &mut client, turn);
+        assert!(is_correction(&text), "{turn}");
+    }
+    let (file, _) = pulled(&mut client);
+    let after = evidence(&file)
+        .into_iter()
+        .filter(|(seq, _)| *seq >= before);
+    let after: Vec<_> = after.map(|(_, record)| record).collect();
+    assert!(
+        matches!(
+            after[..],
+            [
+                Record::Acknowledged { .. },
+                Record::Boot { .. },
+                Record::ConfigSet(_),
+                Record::JobSet { .. },
+                ..
+            ]
+        ),
+        "{after:?}"
+    );
+    // From that start on the inputs lead to the decisions again.
+    let (_, findings) = umi_tests::cases::journal(&mut client);
+    let differences = findings.differences.iter();
+    let behind: Vec<_> = differences.filter(|(seq, _)| *seq > before + 1).collect();
+    assert!(
+        behind.is_empty() && findings.identical >= 16,
+        "{findings:?}"
+    );
 }
 
 /// Acknowledgements without end, of a key that may do nothing else, push no evidence out: the first few are

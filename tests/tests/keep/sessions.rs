@@ -501,9 +501,12 @@ impl Transport for Meddled {
             let mut out = [0; MAX_HOST_FRAME];
             let forged = encode_sealed(sequence, &lock, 1 << 40, &|_| [0x5A; 16], &mut out);
             self.host.write(forged.unwrap())?;
-            let (response, event) = (3, 4);
+            let (hello, response, event) = (1, 3, 4);
+            let mut other = b"oUMI\x09\x01".to_vec();
+            other.extend([0; 9]);
             let ours = SCHEMA as u32;
             for (kind, schema, message) in [
+                (hello, ours, &other[..]),
                 (response, ours, &[0xFF, 0xFF, 0xFF][..]),
                 (response, ours ^ 1, &[0]),
                 (response, ours, &[0]),
@@ -519,7 +522,7 @@ impl Transport for Meddled {
 }
 
 /// What somebody puts between and doubles does not end an honest session: neither while it is proven nor by an
-/// answer that says, without a seal, that there is none, or that is no answer at all.
+/// answer that says, without a seal, that there is none, nor by a greeting of another version, or that is no answer at all.
 #[test]
 fn what_is_put_between_ends_no_session() {
     let board = VirtualBoard::start(config()).unwrap();

@@ -258,7 +258,7 @@ fn info<F: Flash>(journal: &mut Archive<F>, from: u64, acked: u64) -> JournalInf
         first_seq: journal.next_there(from).unwrap_or(oldest),
         next_seq,
         acked_seq: acked,
-        lost: journal.lost_from(acked).unwrap_or_default(),
+        lost: journal.lost_of(acked..u64::MAX),
     }
 }
 

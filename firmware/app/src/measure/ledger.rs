@@ -69,6 +69,8 @@ pub(crate) struct Ledger<F: Flash> {
     pub failures: u32,
     /// An input or a decision since the job began is not in the journal.
     pub(super) unaudited: bool,
+    /// The journal had no room for what a start or a host has put in force: it is told again when it has.
+    pub(super) untold: bool,
     /// What the latest verdict releases, while it holds.
     pub released: ZeroOption<Released>,
     /// The program that the control is to get.
@@ -126,6 +128,7 @@ impl<F: Flash> Ledger<F> {
             repeats: RepeatedFaults::new(),
             failures: 0,
             unaudited: false,
+            untold: false,
             released: ZeroOption::empty(),
             wanted: Wanted::NONE,
             upload: ProgramUpload::new(),
@@ -204,13 +207,12 @@ impl<F: Flash> Ledger<F> {
             }
             // Counted, and the inputs are all there: only without what a start or a host has put in
             // force could nobody audit what follows.
-            Some(Err(JournalError::Full))
-                if !matches!(
+            Some(Err(JournalError::Full)) => {
+                self.failures = self.failures.saturating_add(1);
+                self.untold |= matches!(
                     record,
                     Record::Boot { .. } | Record::JobSet { .. } | Record::ReferenceRestored { .. }
-                ) =>
-            {
-                self.failures = self.failures.saturating_add(1);
+                );
                 false
             }
             _ => {
@@ -348,6 +350,11 @@ impl<F: Flash> Ledger<F> {
         self.released.clear();
     }
 
+    /// What is in force could not be audited.
+    pub(super) const fn is_unaudited(&self) -> bool {
+        self.unaudited || self.untold
+    }
+
     /// Takes what the brain says: one closure, so that the brain is compiled once for it.
     pub(super) fn listen(&mut self, now: Micros) -> impl FnMut(Output<'_>) {
         move |output| self.take(now, output)
@@ -400,7 +407,8 @@ impl<F: Flash> Ledger<F> {
                 if is_kept {
                     self.heads.judged();
                 }
-                self.is_held_back = verdict.ok && !self.unaudited && self.is_full();
+                let is_full = self.untold || self.is_full();
+                self.is_held_back = verdict.ok && !self.unaudited && is_full;
                 if is_kept && verdict.ok && !self.unaudited && !self.is_held_back {
                     self.release(now, verdict);
                 }

@@ -178,7 +178,7 @@ impl<F: Flash> Instrument<F> {
 
     /// Time passed.
     pub fn on_time(&mut self, now: Micros) {
-        let Self { brain, ledger, .. } = self;
+        let ledger = &mut self.ledger;
         if ledger.too_old().is_some_and(|until| now >= until) {
             // A program that has begun goes on; none begins any more.
             ledger.disarm();
@@ -192,7 +192,9 @@ impl<F: Flash> Instrument<F> {
         }
         if ledger.ack_due().is_some_and(|due| now >= due) {
             ledger.keep_late_ack(now);
+            self.tell_again(now);
         }
+        let Self { brain, ledger, .. } = self;
         if brain.deadline().is_none_or(|deadline| now < deadline) {
             return;
         }
@@ -224,7 +226,7 @@ impl<F: Flash> Instrument<F> {
         }
         let settings = settings.get_mut().ok_or(SetJobError::Storage)?;
         let last_run = brain.run().last_run();
-        if is_untouched(brain) && brain.job() == Some(job) && !ledger.unaudited {
+        if is_untouched(brain) && brain.job() == Some(job) && !ledger.is_unaudited() {
             // It is in force as if it had just been set.
             return Ok(());
         }
@@ -243,7 +245,7 @@ impl<F: Flash> Instrument<F> {
             .map_err(|_| SetJobError::Storage)?;
         ledger.tell_repeats(now);
         ledger.forget();
-        ledger.unaudited = false;
+        (ledger.unaudited, ledger.untold) = (false, false);
         ledger.patience_us = patience_us(job);
         brain.begin(job).map_err(SetJobError::Job)?;
         ledger.job_lost.clear();
@@ -367,12 +369,12 @@ impl<F: Flash> Instrument<F> {
             busy,
             ok: !busy && self.ledger.last_ok.get() == Some(&true),
             ng: !busy && self.ledger.last_ok.get() == Some(&false),
-            trouble: self.ledger.unaudited,
+            trouble: self.ledger.is_unaudited(),
         }
     }
 
     /// Keeps what the control punches.
-    fn keep_punched(&mut self, now: Micros) {
+    pub(crate) fn keep_punched(&mut self, now: Micros) {
         let Self {
             programs, ledger, ..
         } = self;

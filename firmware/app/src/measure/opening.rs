@@ -5,7 +5,6 @@ use umi_core::journal::archive::{Archive, ArchiveFault};
 use umi_core::journal::{Flash, JournalError};
 use umi_core::programs::{self, Store};
 use umi_core::units::Micros;
-use umi_protocol::config::BoardConfig;
 use umi_protocol::message::{Identity, JobLoss, MAX_RECORD, Record, ResetReason};
 
 use crate::board::LineAbilities;
@@ -185,10 +184,27 @@ impl<F: Flash> Instrument<F> {
             custody.begin(now, is_lost);
         }
         self.ledger.hold_evidence();
-        let config = self.ledger.in_custody().config;
-        if config != BoardConfig::default() {
-            self.ledger.record(now, Record::ConfigSet(config));
+        self.ledger.tell_kept_config(now);
+    }
+
+    /// Tells a start once more whose records found no room, now that there is some: nobody could audit
+    /// what follows without them. What was under way begins anew, as at a start.
+    #[inline(never)]
+    pub(crate) fn tell_again(&mut self, now: Micros) {
+        let ledger = &mut self.ledger;
+        let journal = ledger.journal.get_mut();
+        if !ledger.untold || !journal.is_some_and(|journal| journal.takes(MAX_RECORD, true)) {
+            return;
         }
+        ledger.untold = false;
+        ledger.tell_repeats(now);
+        ledger.forget();
+        let (identity, reset) = (ledger.identity.clone(), ledger.reset);
+        ledger.record(now, Record::Boot { identity, reset });
+        ledger.tell_kept_config(now);
+        self.take_up(now);
+        self.ledger.upload.over(false);
+        self.keep_punched(now);
     }
 
     /// Takes up the job and the reference that were in force, or tells why there are none.

@@ -40,8 +40,16 @@ impl<F: Flash> Instrument<F> {
         if seq <= ledger.acked() {
             return Ok(());
         }
+        let next_seq = journal.next_seq();
         if ledger.acks.take(now) {
-            return ledger.keep_ack(now, seq);
+            let kept = ledger.keep_ack(now, seq);
+            let journal = ledger.journal.get();
+            if kept.is_err() && journal.is_some_and(|journal| journal.next_seq() == next_seq) {
+                // It has cost nothing: who acknowledges more finds his turn.
+                ledger.acks.give_back();
+            }
+            self.tell_again(now);
+            return kept;
         }
         // Each costs room for evidence, and cells: many are kept as one.
         ledger.acked.put(seq);
@@ -79,6 +87,7 @@ impl<F: Flash> Instrument<F> {
         let custody = ledger.custody.get_mut();
         if custody.is_some_and(|custody| custody.save(now, kept).is_ok()) {
             ledger.hold_evidence();
+            self.tell_again(now);
             return Ok(());
         }
         ledger.record(now, Record::ConfigSet(before));
@@ -172,6 +181,13 @@ impl<F: Flash> Ledger<F> {
         self.record(now, Record::ConfigSet(config));
     }
 
+    /// The same, where it is another than that of a new board.
+    pub(crate) fn tell_kept_config(&mut self, now: Micros) {
+        if self.in_custody().config != BoardConfig::default() {
+            self.tell_config(now);
+        }
+    }
+
     /// What is kept for the owner; on a board without the ring, nothing.
     pub(crate) fn in_custody(&self) -> &Kept {
         self.custody.get().map_or(&NOTHING_KEPT, Custody::kept)
@@ -189,8 +205,8 @@ impl<F: Flash> Ledger<F> {
         let journal = self.journal.get_mut().ok_or(AckError::Storage)?;
         let custody = self.custody.get().ok_or(AckError::NotOnThisBoard)?;
         let kept = *custody.kept();
-        let mut lost_from = |from| journal.lost_from(from).map_err(|_| AckError::Storage);
-        let lost = lost_from(kept.acked)?.saturating_sub(lost_from(seq)?);
+        // What is damaged blocks nothing: it counts as lost.
+        let lost = journal.lost_of(kept.acked..seq);
         // It makes the room for its own record. That comes first, for behind the deed nobody could
         // count the loss again.
         if kept.config.journal.full == WhenFull::Refuse {

@@ -65,6 +65,8 @@ pub enum Unsigned {
     NoKey,
     /// Something was under way for longer than it was waited.
     Busy,
+    /// The same of a board that keeps evidence until somebody acknowledges it: it may have no room for a head.
+    Full,
     /// The board overwrote entries while it was pulled, and no head stands between them and those
     /// that were read before.
     Overtaken,
@@ -77,6 +79,7 @@ impl Unsigned {
         match self {
             Self::NoKey => "no_board_key",
             Self::Busy => "board_busy",
+            Self::Full => "journal_full",
             Self::Overtaken => "overtaken",
         }
     }
@@ -117,7 +120,12 @@ pub fn head(
                 }
                 return Ok(Ok(head));
             }
-            HeadAnswer::Pending if Instant::now() >= until => return Ok(Err(Unsigned::Busy)),
+            HeadAnswer::Pending if Instant::now() >= until => {
+                return Ok(Err(match board.holds_evidence() {
+                    true => Unsigned::Full,
+                    false => Unsigned::Busy,
+                }));
+            }
             HeadAnswer::Pending => std::thread::sleep(INTERVAL),
         }
     }

@@ -32,6 +32,11 @@ impl<const MOST: u32, const EACH_US: u64> Bucket<MOST, EACH_US> {
         is_left
     }
 
+    /// What was taken for has not happened.
+    pub fn give_back(&mut self) {
+        self.used = self.used.saturating_sub(1);
+    }
+
     /// When there is one at the latest.
     pub fn next(&self) -> Micros {
         match self.used < MOST {
@@ -60,5 +65,7 @@ mod tests {
         assert!(bucket.take(Micros(7)));
         assert_eq!(bucket.next(), Micros(17));
         assert!(!bucket.take(Micros(16)) && bucket.take(Micros(17)));
+        bucket.give_back();
+        assert!(bucket.take(Micros(18)) && !bucket.take(Micros(19)));
     }
 }

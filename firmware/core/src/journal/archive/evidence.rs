@@ -64,16 +64,20 @@ impl<F: Flash> Evidence<F> {
         journal: &mut Journal<F>,
         scratch: &mut [u8; ROOM],
     ) -> Result<(), ArchiveFault<F::Error>> {
-        let from = match self.ring.next_seq().checked_sub(1) {
-            Some(newest) if newest >= self.ring.first_seq() => {
-                let (seq, before) = self.fields(newest)?;
+        let numbers = self.ring.first_seq()..self.ring.next_seq();
+        let mut newest = numbers.clone().rev().take(TRIED);
+        let newest = newest.find_map(|number| Some((number, self.fields(number).ok()?)));
+        let from = match newest {
+            Some((newest, (seq, before))) => {
                 let is_ahead = seq >= journal.next_seq();
                 if is_ahead || !self.is_of(journal, newest, seq, &before, scratch)? {
                     return Err(ArchiveFault::OtherJournal);
                 }
                 seq + 1
             }
-            _ => 0,
+            None if numbers.is_empty() => 0,
+            // Damage hides what the ring has: nothing is put in twice, and what comes is kept.
+            None => journal.next_seq(),
         };
         for seq in from.max(journal.first_seq())..journal.next_seq() {
             let (_, place) = scratch.split_at_mut(FIELDS);
@@ -150,14 +154,17 @@ impl<F: Flash> Evidence<F> {
     }
 
     /// Whether the next erasure takes evidence from entry `from` on away, as far as the first piece
-    /// behind it tells, which is found at once.
-    pub fn would_lose(&mut self, from: u64) -> bool {
+    /// behind it tells, which is found at once. Behind damage a later one tells, or where none can be read
+    /// the journal's end: never too little is held, and who has acknowledged everything finds room.
+    pub fn would_lose(&mut self, from: u64, next_seq: u64) -> bool {
         let Some(end) = self.ring.next_to_go() else {
             return false;
         };
-        let mut behind = (end..self.ring.next_seq()).take(TRIED);
-        let first = behind.find_map(|number| self.fields(number).ok());
-        first.is_none_or(|(seq, _)| seq > from)
+        let behind = end..self.ring.next_seq();
+        let stride = usize::try_from((behind.end - end) / TRIED as u64).unwrap_or(usize::MAX);
+        let far = behind.clone().step_by(stride.max(1)).skip(1).take(TRIED);
+        let first = (behind.take(TRIED).chain(far)).find_map(|number| self.fields(number).ok());
+        first.map_or(next_seq, |(seq, _)| seq) > from
     }
 
     /// The first piece at or behind entry `seq`: its number, and the entry that it is.

@@ -34,7 +34,7 @@
 //! # Limitations
 //!
 //! * Evidence that never ends overwrites evidence: see what a host can do about it,
-//!   [`Archive::lost_from`] and [`Archive::hold`].
+//!   [`Archive::lost_of`] and [`Archive::hold`].
 //! * Of evidence that is held, a sector can be lost where power is cut again and again while the last
 //!   piece is written.
 //! * If the newest entry of the journal is damaged at rest and was evidence, the two do not fit any
@@ -48,6 +48,8 @@ mod evidence;
 mod tests;
 
 pub use evidence::{ArchiveFault, FIELDS};
+
+use core::ops::Range;
 
 use umi_protocol::head::EvidenceMark;
 use umi_protocol::message::{MAX_RECORD, Record};
@@ -132,8 +134,9 @@ impl<F: Flash> Archive<F> {
 
     /// Whether the ring may not be erased any further.
     fn is_held(&mut self) -> bool {
+        let next_seq = self.journal.next_seq();
         match (self.evidence.get_mut(), self.held.get()) {
-            (Some(evidence), Some(from)) => evidence.would_lose(*from),
+            (Some(evidence), Some(from)) => evidence.would_lose(*from, next_seq),
             _ => false,
         }
     }
@@ -311,26 +314,23 @@ impl<F: Flash> Archive<F> {
         }))
     }
 
-    /// Entries from `from` on that are on the board no more: neither in the journal nor as
-    /// evidence.
-    ///
-    /// # Errors
-    /// [`JournalError::Flash`], [`JournalError::Record`].
-    pub fn lost_from(&mut self, from: u64) -> Result<u64, JournalError<F::Error>> {
-        let oldest = self.journal.first_seq();
-        let Some(gone) = oldest.checked_sub(from).filter(|gone| *gone > 0) else {
-            return Ok(0);
+    /// How many of these entries are on the board no more: neither in the journal nor as evidence. Where
+    /// damage hides how many are evidence, all that the journal has no more: never too few.
+    pub fn lost_of(&mut self, entries: Range<u64>) -> u64 {
+        let end = entries.end.min(self.journal.first_seq());
+        let gone = end.saturating_sub(entries.start);
+        let Some(evidence) = self.evidence.get_mut().filter(|_| gone > 0) else {
+            return gone;
         };
-        let Some(evidence) = self.evidence.get_mut() else {
-            return Ok(gone);
+        let last = evidence.ring.next_seq();
+        let mut number = |seq| {
+            let found = evidence.locate(seq);
+            found.map(|found| found.map_or(last, |(number, _)| number))
         };
-        let end = evidence.ring.next_seq();
-        let number = |found: Option<(u64, u64)>| found.map_or(end, |(number, _)| number);
-        let (a, b) = (
-            number(evidence.locate(from)?),
-            number(evidence.locate(oldest)?),
-        );
-        Ok(gone - b.saturating_sub(a).min(gone))
+        match (number(entries.start), number(end)) {
+            (Ok(a), Ok(b)) => gone - b.saturating_sub(a).min(gone),
+            _ => gone,
+        }
     }
 
     /// Whether there is a record of this kind, that is evidence, from this number of the ring on, and the number that its
@@ -354,8 +354,9 @@ impl<F: Flash> Archive<F> {
     /// Whether less than `min_free` bytes of evidence can be kept before some from entry `from` on is
     /// overwritten, or was, where no ring keeps it apart.
     pub fn is_full(&mut self, from: u64, min_free: u32) -> bool {
+        let next_seq = self.journal.next_seq();
         if let Some(evidence) = self.evidence.get_mut() {
-            return evidence.ring.free() < min_free && evidence.would_lose(from);
+            return evidence.ring.free() < min_free && evidence.would_lose(from, next_seq);
         }
         // The journal itself is all there is, and what comes in is never held back.
         let end = self.journal.next_to_go();

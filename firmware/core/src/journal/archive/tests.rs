@@ -129,9 +129,9 @@ fn ten_laps_of_noise_cost_no_evidence() {
         chain_of(&found, &mut archive),
         Chain(archive.mark().unwrap().unwrap().chain)
     );
-    let lost = archive.lost_from(0).unwrap();
+    let lost = archive.lost_of(0..u64::MAX);
     assert_eq!(lost + found.len() as u64, archive.next_seq());
-    assert_eq!(archive.lost_from(archive.first_seq()).unwrap(), 0);
+    assert_eq!(archive.lost_of(archive.first_seq()..u64::MAX), 0);
 }
 
 /// A board that gets the ring later copies what its journal holds; a ring of another journal is
@@ -222,7 +222,7 @@ fn evidence_that_never_ends_is_told_before() {
         if was_full.is_none() && archive.is_full(0, 1000) {
             was_full = Some(n);
             assert_eq!(
-                archive.lost_from(0).unwrap(),
+                archive.lost_of(0..u64::MAX),
                 0,
                 "told before anything is lost"
             );
@@ -236,7 +236,7 @@ fn evidence_that_never_ends_is_told_before() {
         chain_of(&found, &mut archive),
         Chain(archive.mark().unwrap().unwrap().chain)
     );
-    assert!(archive.lost_from(0).unwrap() > 3000);
+    assert!(archive.lost_of(0..u64::MAX) > 3000);
 }
 
 /// Every way to cut one operation.
@@ -455,4 +455,74 @@ fn power_cuts_lose_nothing_that_is_held() {
         expected.push((seq, BOOT, payload.to_vec()));
     }
     assert!(tried > 100, "{tried}");
+}
+
+/// Damage of the ring at rest, in each of its sectors and in all of them: not less is told as lost than has been
+/// overwritten, and who acknowledges everything finds room, again and again, until the damage is overwritten, too.
+#[test]
+fn damage_blocks_no_acknowledgement() {
+    let mut archive = open(MockFlash::new(STREAM), MockFlash::new(HELD));
+    for n in 0..700_u64 {
+        put(&mut archive, VERDICT, &[n as u8; 300]).unwrap();
+        put(&mut archive, NOISE, &[n as u8; 100]).unwrap();
+    }
+    let oldest = archive.mark().unwrap().unwrap().first_seq;
+    let from = oldest - 100;
+    archive.hold(Some(from));
+    fill(&mut archive, VERDICT);
+    for _ in 0..100 {
+        put(&mut archive, NOISE, &[9; 900]).unwrap();
+    }
+    let gone = archive.lost_of(from..u64::MAX);
+    assert!(gone > 200 && gone < archive.first_seq() - from);
+    // One bit of each piece, in what follows its number and its chain value.
+    let evidence = archive.evidence.get_mut().unwrap();
+    let numbers = evidence.ring.first_seq()..evidence.ring.next_seq();
+    let pieces = numbers.map(|number| {
+        let mut raw = [0; ROOM + 64];
+        let len = evidence.ring.read_encoded(number, &mut raw).unwrap().len();
+        raw[..len].to_vec()
+    });
+    let pieces: Vec<_> = pieces.collect();
+    let (stream, whole) = flashes(archive);
+    let size = HELD.sector_size as usize;
+    let mut flipped = whole.clone();
+    for piece in &pieces {
+        let mut places = flipped.data.windows(piece.len());
+        let at = places.position(|place| place == piece).unwrap();
+        flipped.data[at + 70] ^= 1;
+    }
+    let mut all_but_counted = 0;
+    for sectors in [0..1, 1..2, 2..3, 3..4, 0..4] {
+        let bytes = sectors.start * size..sectors.end * size;
+        for how in 0..3 {
+            let mut evidence = whole.clone();
+            match how {
+                0 => evidence.data[bytes.clone()].fill(0),
+                1 => evidence.data[bytes.clone()].fill(0xFF),
+                _ => evidence.data[bytes.clone()].copy_from_slice(&flipped.data[bytes.clone()]),
+            }
+            let (mut archive, _) = Archive::open(stream.clone()).unwrap();
+            if archive.keep_evidence(evidence, &mut [0; ROOM]).is_err() {
+                assert_eq!((sectors.len(), how), (4, 0), "no header is left");
+                continue;
+            }
+            archive.hold(Some(from));
+            let lost = archive.lost_of(from..u64::MAX);
+            let now_gone = archive.first_seq() - from;
+            assert!(lost >= gone && lost <= now_gone, "{sectors:?} {how}");
+            all_but_counted += u32::from(lost == now_gone);
+            let middle = from + 150;
+            let parts = archive.lost_of(from..middle) + archive.lost_of(middle..u64::MAX);
+            assert!(parts >= gone, "{sectors:?} {how}: {parts}");
+            for turn in 0..1000 {
+                if archive.is_full(archive.held.get().copied().unwrap(), RESERVE + 400) {
+                    archive.hold(Some(archive.next_seq()));
+                }
+                let done = put(&mut archive, VERDICT, &[1; 300]);
+                assert!(done.is_ok(), "{sectors:?} {how} {turn}");
+            }
+        }
+    }
+    assert!(all_but_counted > 0, "no damage was met");
 }

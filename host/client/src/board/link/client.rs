@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use umi_core::trust::access::session::HostSession;
 use umi_protocol::access::AccessRefusal;
+use umi_protocol::config::WhenFull;
 use umi_protocol::decoder::{Decoder, FrameCounters};
 use umi_protocol::frame::{
     Authenticated, Kind, MAX_BOARD_FRAME, MAX_HOST_FRAME, Message, OpenError, encode, encode_sealed,
@@ -196,6 +197,7 @@ impl Client {
         let before = self.counters();
         self.sequence = self.sequence.wrapping_add(1);
         let mut no_session = false;
+        let mut greeted = None;
         for _ in 0..tries {
             self.ask(request)?;
             let deadline = Instant::now() + answer;
@@ -205,7 +207,7 @@ impl Client {
                 }
                 return match incoming {
                     Incoming::Response(response) => match *response {
-                        Response::StorageFailed => Err(LinkError::StorageFailed),
+                        Response::StorageFailed => Err(self.not_kept(request)),
                         Response::AccessRefused(AccessRefusal::NoSession)
                             if self.session.is_some() =>
                         {
@@ -223,17 +225,22 @@ impl Client {
                             Ok(response)
                         }
                     },
-                    // So a board answers what it cannot open.
-                    Incoming::Hello(hello) => {
-                        self.accept(&hello)?;
-                        Err(LinkError::NotUnderstood { request: name })
+                    // So a board answers what it cannot open. In a session anybody may have put it in:
+                    // the sealed answer may still come.
+                    Incoming::Hello(hello) if self.session.is_some() => {
+                        greeted = Some(hello);
+                        continue;
                     }
+                    Incoming::Hello(hello) => self.not_understood(&hello, name),
                 };
             }
             if no_session {
                 self.session = None;
                 return Err(LinkError::Refused(AccessRefusal::NoSession));
             }
+        }
+        if let Some(hello) = greeted {
+            return self.not_understood(&hello, name);
         }
         let seen = self.counters().since(&before);
         Err(if matches!(request, Request::JobSet(_)) {
@@ -251,6 +258,30 @@ impl Client {
                 waited,
             }
         })
+    }
+
+    /// The board has greeted instead of an answer.
+    fn not_understood(&mut self, hello: &Hello, name: &'static str) -> Result<Response, LinkError> {
+        self.accept(hello)?;
+        Err(LinkError::NotUnderstood { request: name })
+    }
+
+    /// Why the board has not kept what it was asked to.
+    fn not_kept(&mut self, request: &Request) -> LinkError {
+        // What is asked here is not asked about.
+        let is_asked = matches!(request, Request::ConfigGet | Request::JournalInfo);
+        match !is_asked && self.holds_evidence() {
+            true => LinkError::JournalFull,
+            false => LinkError::StorageFailed,
+        }
+    }
+
+    /// Whether the board overwrites no evidence that nobody has acknowledged, and has some: its journal
+    /// may be full.
+    pub fn holds_evidence(&mut self) -> bool {
+        let config = self.config().ok().flatten();
+        config.is_some_and(|(config, _)| config.journal.full == WhenFull::Refuse)
+            && (self.journal_info()).is_ok_and(|info| info.acked_seq < info.next_seq)
     }
 
     /// Sends a request, with a seal in a session.

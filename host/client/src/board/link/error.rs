@@ -91,6 +91,8 @@ pub enum LinkError {
     },
     /// The board's journal storage failed.
     StorageFailed,
+    /// The board has not kept what it was asked to, and keeps evidence until somebody acknowledges it.
+    JournalFull,
     /// Its host may not ask for that.
     Refused(AccessRefusal),
     /// The board cannot have sessions.
@@ -118,6 +120,7 @@ impl LinkError {
             Self::NotUnderstood { .. } => "not_understood",
             Self::WrongAnswer { .. } => "wrong_answer",
             Self::StorageFailed => "storage_failed",
+            Self::JournalFull => "journal_full",
             Self::Refused(refusal) => refusal.code(),
             Self::NoSessions => "not_on_this_board",
             Self::BoardNotProven => "board_not_proven",
@@ -215,6 +218,9 @@ impl fmt::Display for LinkError {
             Self::NoSessions => f.write_str("this board has no key of its own that can be read, and so no sessions. Where it had one, the jumper held over two starts has it wiped (`umi wipe --yes`), with a new key"),
             Self::BoardNotProven => f.write_str(
                 "what answers there does not prove the key that it calls its own: somebody stands between this umi and the board",
+            ),
+            Self::JournalFull => f.write_str(
+                "the board could not record it: its journal keeps evidence until somebody acknowledges it, and has no room for more. Pull it (umi log pull), acknowledge all of it (umi log ack), and try again. If that fails, too, its storage has failed: replace the board",
             ),
             Self::StorageFailed => f.write_str(
                 "the board's journal storage failed; measurements are no longer recorded: replace the board",

@@ -68,6 +68,9 @@ pub fn unsigned(why: Unsigned) -> Failure {
         Unsigned::Busy => {
             "the board has not signed in five seconds: a clamping is under way, its journal is full, or others asked too often; wait ten minutes or use --key"
         }
+        Unsigned::Full => {
+            "the board has not signed in five seconds: its journal has no room until somebody acknowledges what it holds (umi log pull, then umi log ack), or a clamping is under way"
+        }
         Unsigned::Overtaken => {
             "the board has overwritten entries meanwhile that no head stands behind: pull again"
         }

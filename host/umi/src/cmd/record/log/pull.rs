@@ -138,6 +138,13 @@ impl Pull<'_> {
             let text = "the board has not signed the end of the file: a clamping is under way, many ask it for heads, or it overwrites its entries faster than they can be read; pull it again later";
             print_error(&format!("{} {text}\n", paint(CAUTION, "note:")));
         }
+        if pulled.unsigned == Some(Unsigned::Full) {
+            let text = format!(
+                "the end of the file is not signed: the board's journal has no room for a signature until somebody acknowledges what it holds, or a clamping is under way. Keep the file, say so (umi log ack {}), and pull again",
+                verified.stretch.next
+            );
+            print_error(&format!("{} {text}\n", paint(CAUTION, "note:")));
+        }
         if pulled.unsigned == Some(Unsigned::Overtaken) {
             let text = "the file is not signed as a whole: the board overwrote entries while they were read, and no head vouches for those right before; pull it again";
             print_error(&format!("{} {text}\n", paint(CAUTION, "note:")));
