@@ -459,6 +459,8 @@ fn what_is_put_between_changes_nothing() {
 struct Meddled {
     host: HostEnd,
     put_in: Vec<u8>,
+    /// From the first sealed frame on the board is another one, of a newer protocol.
+    is_exchanged: bool,
 }
 
 /// A frame of any content.
@@ -497,14 +499,18 @@ impl Transport for Meddled {
         let sent = decoder.next_frame(&mut &bytes[..]).expect("a frame");
         let sequence = sent.sequence;
         if sent.kind == Kind::SealedRequest {
+            let mut other = b"oUMI\x09\x01".to_vec();
+            other.extend([0; 9]);
+            let (hello, response, event) = (1, 3, 4);
+            let ours = SCHEMA as u32;
+            if self.is_exchanged {
+                self.put_in.extend(frame(hello, sequence, ours, &other));
+                return Ok(());
+            }
             let lock = Request::LockSet { locked: true };
             let mut out = [0; MAX_HOST_FRAME];
             let forged = encode_sealed(sequence, &lock, 1 << 40, &|_| [0x5A; 16], &mut out);
             self.host.write(forged.unwrap())?;
-            let (hello, response, event) = (1, 3, 4);
-            let mut other = b"oUMI\x09\x01".to_vec();
-            other.extend([0; 9]);
-            let ours = SCHEMA as u32;
             for (kind, schema, message) in [
                 (hello, ours, &other[..]),
                 (response, ours, &[0xFF, 0xFF, 0xFF][..]),
@@ -530,6 +536,7 @@ fn what_is_put_between_ends_no_session() {
     let meddled = Meddled {
         host: board.connect(),
         put_in: Vec::new(),
+        is_exchanged: false,
     };
     let mut client = Client::new(Box::new(meddled)).unwrap();
     assert_eq!(client.authenticate(&secret(OWNER)).unwrap(), Role::Owner);
@@ -552,6 +559,17 @@ fn what_is_put_between_ends_no_session() {
         "{refused:?}"
     );
     assert!(!client.has_session());
+    drop(client);
+    // Nor does a greeting go unheard where nothing else comes: it is another board.
+    let exchanged = Meddled {
+        host: board.connect(),
+        put_in: Vec::new(),
+        is_exchanged: true,
+    };
+    let mut client = Client::new(Box::new(exchanged)).unwrap();
+    client.authenticate(&secret(OWNER)).unwrap();
+    let other = client.access().unwrap_err();
+    assert!(matches!(other, LinkError::Mismatch { .. }), "{other:?}");
 }
 
 /// A key that was revoked opens no session any more.

@@ -272,9 +272,9 @@ fn calls_bring_their_answers() {
     assert_eq!(in_force.job, None);
     assert_eq!(in_force.taught_mm, Some(vec![[1.0, 2.0, 3.0]]));
     assert!(matches!(board.identity(), Err(LinkError::StorageFailed)));
-    // Every request had a number of its own.
+    // Every request had a number of its own; the last one asks why nothing was kept.
     let numbers: Vec<u16> = log.lock().unwrap().iter().map(|entry| entry.1).collect();
-    assert_eq!(numbers, (1..=9).collect::<Vec<u16>>());
+    assert_eq!(numbers, (1..=10).collect::<Vec<u16>>());
 }
 
 /// An answer of another kind is a named fault, not a panic or a wrong value.
