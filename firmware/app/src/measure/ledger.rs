@@ -71,6 +71,8 @@ pub(crate) struct Ledger<F: Flash> {
     pub(super) unaudited: bool,
     /// The journal had no room for what a start or a host has put in force: it is told again when it has.
     pub(super) untold: bool,
+    /// It may have now.
+    pub(super) tells_again: bool,
     /// What the latest verdict releases, while it holds.
     pub released: ZeroOption<Released>,
     /// The program that the control is to get.
@@ -129,6 +131,7 @@ impl<F: Flash> Ledger<F> {
             failures: 0,
             unaudited: false,
             untold: false,
+            tells_again: false,
             released: ZeroOption::empty(),
             wanted: Wanted::NONE,
             upload: ProgramUpload::new(),

@@ -172,13 +172,17 @@ impl<F: Flash> Instrument<F> {
             ledger.repeats.due(),
             ledger.refusals.due(),
             ledger.ack_due(),
+            ledger.tells_again.then_some(Micros(0)),
         ];
         times.into_iter().flatten().min()
     }
 
     /// Time passed.
     pub fn on_time(&mut self, now: Micros) {
-        let ledger = &mut self.ledger;
+        if core::mem::take(&mut self.ledger.tells_again) {
+            self.tell_again(now);
+        }
+        let Self { brain, ledger, .. } = self;
         if ledger.too_old().is_some_and(|until| now >= until) {
             // A program that has begun goes on; none begins any more.
             ledger.disarm();
@@ -192,9 +196,7 @@ impl<F: Flash> Instrument<F> {
         }
         if ledger.ack_due().is_some_and(|due| now >= due) {
             ledger.keep_late_ack(now);
-            self.tell_again(now);
         }
-        let Self { brain, ledger, .. } = self;
         if brain.deadline().is_none_or(|deadline| now < deadline) {
             return;
         }

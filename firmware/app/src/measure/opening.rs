@@ -188,7 +188,8 @@ impl<F: Flash> Instrument<F> {
     }
 
     /// Tells a start once more whose records found no room, now that there is some: nobody could audit
-    /// what follows without them. What was under way begins anew, as at a start.
+    /// what follows without them. What was under way begins anew, as at a start. Not where a host's request is
+    /// answered: the stack has no room for a start there.
     #[inline(never)]
     pub(crate) fn tell_again(&mut self, now: Micros) {
         let ledger = &mut self.ledger;

@@ -48,7 +48,6 @@ impl<F: Flash> Instrument<F> {
                 // It has cost nothing: who acknowledges more finds his turn.
                 ledger.acks.give_back();
             }
-            self.tell_again(now);
             return kept;
         }
         // Each costs room for evidence, and cells: many are kept as one.
@@ -87,7 +86,6 @@ impl<F: Flash> Instrument<F> {
         let custody = ledger.custody.get_mut();
         if custody.is_some_and(|custody| custody.save(now, kept).is_ok()) {
             ledger.hold_evidence();
-            self.tell_again(now);
             return Ok(());
         }
         ledger.record(now, Record::ConfigSet(before));
@@ -247,6 +245,7 @@ impl<F: Flash> Ledger<F> {
             journal.hold(is_wanted.then_some(acked));
         }
         self.heads.has_room();
+        self.tells_again = self.untold;
     }
 
     /// Why nothing is released.

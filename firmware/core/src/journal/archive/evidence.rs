@@ -161,8 +161,8 @@ impl<F: Flash> Evidence<F> {
             return false;
         };
         let behind = end..self.ring.next_seq();
-        let stride = usize::try_from((behind.end - end) / TRIED as u64).unwrap_or(usize::MAX);
-        let far = behind.clone().step_by(stride.max(1)).skip(1).take(TRIED);
+        let stride = behind.end.saturating_sub(end) / TRIED as u64;
+        let far = (1..TRIED as u64).map(|n| end.saturating_add(stride.saturating_mul(n)));
         let first = (behind.take(TRIED).chain(far)).find_map(|number| self.fields(number).ok());
         first.map_or(next_seq, |(seq, _)| seq) > from
     }
