@@ -161,11 +161,16 @@ impl<F: Flash> App<F> {
         let mut measure = self.measure.try_lock().map_err(|_| Running)?;
         let mut guarded = self.guarded.try_lock().map_err(|_| Running)?;
         let mut storage = storage;
-        if guarded.wiping().is_some() {
+        measure.open_custody(storage.custody.take());
+        let wipes = guarded.wipes(&measure);
+        if wipes {
             storage.erase();
+            measure.erase_custody();
         }
         let opened = measure.start(boot, storage, now);
-        guarded.end_wipe(now, &mut measure);
+        if wipes {
+            guarded.end_wipe(now, &mut measure);
+        }
         guarded.compare(now, &mut measure);
         guarded.follow(&measure.ledger.in_custody().config.access);
         measure.take_up(now);

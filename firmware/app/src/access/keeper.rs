@@ -7,8 +7,9 @@
 //! rest looks like one that a power cut tore, and the one before it must not be an older state. Where keys
 //! or the lock change, the second stands in another sector, so that no damage of one sector brings a revoked key back.
 //! Where something was kept and cannot be read, the board is locked and nobody has a key: never open.
-//! So it is where nothing is there any more, or only what is older than [`crate::measure::trust::custody`] knows. A damaged
-//! area is begun anew then, so that the starts with the jumper closed are counted. Where a sector's header is damaged and
+//! So it is where nothing is there any more, or only what is older than [`crate::measure::trust::custody`] knows, of another
+//! life of the board ([`Age::life`]), or two changes later: custody is written before a change where it is not as late as
+//! the keys, so that a power cut leaves it one behind at most. A damaged area is begun anew then, so that the starts with the jumper closed are counted. Where a sector's header is damaged and
 //! custody knows that what is left is the newest, nothing is lost.
 
 use umi_core::journal::{Flash, Journal, JournalError, NotOpened};
@@ -138,7 +139,11 @@ impl<F: Flash> Keeper<F> {
             // Who had begun a wipe has no key to lose.
             found => {
                 let mut lost = KeyRegister::lost();
-                lost.wiping = found.and_then(|found| found.wiping);
+                if let Some(found) = found {
+                    let keys = found.age().keys;
+                    lost = lost.aged(Age { keys, config: 0 });
+                    lost.wiping = found.wiping;
+                }
                 lost
             }
         };
@@ -271,7 +276,8 @@ impl<F: Flash> Keeper<F> {
         self.idle_us = config.session_idle_us();
     }
 
-    /// Does what an owner asks, and has it journaled before it is kept; false: one of the two failed.
+    /// Does what an owner asks, and has it noted and journaled before it is kept; false: one of them failed. To be noted is
+    /// how often the keys were changed before ([`Age::keys`]), of a first owner in the life that begins.
     ///
     /// # Errors
     /// [`AccessRefusal`]: nothing has changed.
@@ -280,13 +286,23 @@ impl<F: Flash> Keeper<F> {
         now: Micros,
         request: &Request,
         caller: &Caller,
-        tell: impl FnOnce(Told) -> bool,
+        tell: impl FnOnce(u64, Told) -> bool,
     ) -> Result<bool, AccessRefusal> {
         match changed(&self.register, request, caller)? {
             // It is so already.
             None => Ok(true),
-            Some((register, told)) => {
+            Some((mut register, told)) => {
+                let mut before = self.register.age().keys;
+                if register.age().life() == 0 {
+                    let mut drawn = [0; 32];
+                    if (self.draw)(&mut drawn).is_err() {
+                        return Ok(false);
+                    }
+                    let [a, b, c, d, ..] = drawn;
+                    register = register.in_life(u32::from_le_bytes([a, b, c, d]).max(1));
+                }
                 if self.register.mode() == AccessMode::Open {
+                    before = Age::begun(register.age().life());
                     // A record of an owner whose key was not kept would lock the board at the next start.
                     let claiming = self.register.with_claim(true);
                     if self.save(now, claiming).is_err() {
@@ -294,7 +310,7 @@ impl<F: Flash> Keeper<F> {
                     }
                 }
                 // The record first.
-                Ok(tell(told) && self.save(now, register).is_ok())
+                Ok(tell(before, told) && self.save(now, register).is_ok())
             }
         }
     }
@@ -370,12 +386,12 @@ impl<F: Flash> Keeper<F> {
         let _ = self.save(now, register);
     }
 
-    /// Keeps that a wipe has begun. After `Ok` it survives a power cut.
+    /// Keeps that a wipe has begun, of the life that custody knows (`age`). After `Ok` it survives a power cut.
     ///
     /// # Errors
     /// [`KeysNotKept`].
-    pub fn begin_wipe(&mut self, now: Micros, wiping: Wiping) -> Result<(), KeysNotKept> {
-        let mut register = self.register.clone();
+    pub fn begin_wipe(&mut self, now: Micros, wiping: Wiping, age: Age) -> Result<(), KeysNotKept> {
+        let mut register = self.register.clone().aged(age);
         register.wiping = Some(wiping);
         self.area.begin_anew();
         self.save(now, register)

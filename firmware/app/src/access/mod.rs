@@ -119,8 +119,18 @@ impl<F: Flash> Guarded<F> {
     }
 
     /// A wipe that has begun and not ended.
-    pub fn wiping(&self) -> Option<Wiping> {
+    fn wiping(&self) -> Option<Wiping> {
         self.look()?.register().wiping
+    }
+
+    /// Whether one goes on: not one that was begun in another life of the board, for that is an older copy.
+    pub fn wipes(&self, measure: &Instrument<F>) -> bool {
+        let custody = measure.ledger.custody.get();
+        self.look().is_some_and(|keeper| {
+            let register = keeper.register();
+            let is_here = custody.is_none_or(|custody| custody.ends_with(register.age()));
+            register.wiping.is_some() && is_here
+        })
     }
 
     /// Who has sent a frame, and the frame without its seal; none: its seal is not the session's.
@@ -211,7 +221,7 @@ impl<F: Flash> Guarded<F> {
 
     /// Compares the keys, what is kept for the owner, and the evidence. Where one of them knows of an owner the board is not
     /// open, for the last one stays; where keys or configuration are older than another knows they do not count, and the
-    /// strictest does. What is known is kept where it was not. Told at each start as long as the keys are lost.
+    /// strictest does. Keys or a wipe of another life of the board do not count, nor does the configuration then. What is known is kept where it was not. Told at each start as long as the keys are lost.
     pub fn compare(&mut self, now: Micros, measure: &mut Instrument<F>) {
         let Some(keeper) = self.keeper() else {
             return;
@@ -270,14 +280,21 @@ fn compare<F: Flash>(now: Micros, keeper: &mut Keeper<F>, ledger: &mut Ledger<F>
     let register = keeper.register();
     let found = register.age();
     let (is_open, is_claiming) = (register.mode() == AccessMode::Open, register.is_claiming());
+    // Custody or keys are from before a wipe, and nobody knows which; or custody is of another time.
+    let is_foreign = is_settled
+        && (!is_open && !custody.takes_keys(found)
+            || register.wiping.is_some() && !custody.ends_with(found));
     let mut marks = known;
     let mut is_told = false;
     if is_open && let Some(evidence) = ledger.journal.get_mut() {
         (is_told, marks.looked_to) = evidence.tells(ACCESS, known.looked_to);
-        is_told &= !is_claiming;
+        // What that very claim may have written: custody knows that it was under way.
+        is_told &= !is_claiming || known.age.keys == 0;
     }
-    let is_lost =
-        !is_settled || found.keys < known.age.keys || is_open && (known.is_owned || is_told);
+    let is_lost = !is_settled
+        || is_foreign
+        || known.is_owned && found.keys < known.age.keys
+        || is_open && (known.is_owned || is_told);
     if !keeper.is_reachable() || !custody.is_reachable() {
         // What does not answer now may be whole at the next start: nothing is kept of what cannot be known.
         if is_lost {
@@ -288,13 +305,16 @@ fn compare<F: Flash>(now: Micros, keeper: &mut Keeper<F>, ledger: &mut Ledger<F>
     // The keys know of a later configuration; the evidence, of an owner. Where custody is one change of the keys behind, the
     // power was cut between the two; where it is more, it is of another time.
     let is_old = match is_lost {
-        true => is_told && !known.is_owned,
-        false => found.config > known.age.config || found.keys > known.age.keys.saturating_add(1),
+        true => is_foreign || is_told && !known.is_owned,
+        false => {
+            let next = known.age.changes().saturating_add(1);
+            found.config > known.age.config || found.changes() > next
+        }
     };
     marks.is_owned = is_lost || !is_open;
     marks.age = Age {
         keys: match is_lost {
-            true => found.keys.max(known.age.keys).saturating_add(1),
+            true => known.age.keys | Age::LOST,
             false => found.keys,
         },
         config: found.config.max(known.age.config),
@@ -415,7 +435,10 @@ fn begin_wipe<F: Flash>(
     now: Micros,
     caller: &Caller,
 ) -> bool {
-    keeper.begin_wipe(now, measure.to_be_wiped(caller)).is_ok()
+    let custody = measure.ledger.custody.get();
+    let age = custody.map_or(keeper.register().age(), |custody| custody.marks().age);
+    let wiping = measure.to_be_wiped(caller);
+    keeper.begin_wipe(now, wiping, age).is_ok()
 }
 
 /// Does what an owner asks; false: it is not kept.
@@ -428,8 +451,9 @@ fn change<F: Flash>(
     request: &Request,
 ) -> Result<bool, AccessRefusal> {
     let by = caller.key_id;
-    let kept = keeper.change(now, request, caller, |told| {
-        measure.tell_access(now, told, by)
+    let is_owned = keeper.register().mode() != AccessMode::Open;
+    let kept = keeper.change(now, request, caller, |before, told| {
+        measure.note_keys(now, before, is_owned) && measure.tell_access(now, told, by)
     })?;
     if kept && keeper.register().mode() != AccessMode::Open {
         measure.note_owner(now, keeper.register().age());
@@ -478,6 +502,24 @@ pub struct Told {
 }
 
 impl<F: Flash> Instrument<F> {
+    /// Has custody know how often the keys were changed, and in which life, before they are again; false: it does not.
+    #[inline(never)]
+    fn note_keys(&mut self, now: Micros, keys: u64, is_owned: bool) -> bool {
+        let Some(custody) = self.ledger.custody.get_mut() else {
+            return true;
+        };
+        let mut marks = custody.marks();
+        (marks.age.keys, marks.is_owned) = (keys, is_owned);
+        custody.note(now, marks, false).is_ok()
+    }
+
+    /// Erases what is kept for the owner, for a wipe.
+    pub(crate) fn erase_custody(&mut self) {
+        if let Some(custody) = self.ledger.custody.get_mut() {
+            custody.erase();
+        }
+    }
+
     /// Journals what an owner has changed.
     #[inline(never)]
     fn tell_access(&mut self, now: Micros, told: Told, by: Option<KeyId>) -> bool {

@@ -9,7 +9,7 @@ use umi_protocol::message::{Identity, JobLoss, MAX_RECORD, Record, ResetReason};
 
 use crate::board::LineAbilities;
 use crate::measure::settings::{JobStore, points};
-use crate::measure::trust::custody::Custody;
+use crate::measure::trust::custody::{Custody, erase};
 use crate::measure::trust::signer::HeadSigner;
 use crate::measure::{Instrument, Ledger, patience_us};
 
@@ -50,10 +50,7 @@ impl<F: Flash> StorageAreas<F> {
         let optional = [&mut self.evidence, &mut self.custody];
         let optional = optional.into_iter().filter_map(Option::as_mut);
         for area in areas.into_iter().chain(optional) {
-            for sector in 0..area.geometry().sectors {
-                // A sector that cannot be erased shows when the area is opened.
-                let _ = area.erase(sector.into());
-            }
+            erase(area);
         }
     }
 }
@@ -82,12 +79,14 @@ impl<F: Flash> Instrument<F> {
     /// takes no job. Without the area of the programs, there are none. What was wrong is
     /// returned for a log.
     pub fn start(&mut self, boot: Boot, storage: StorageAreas<F>, now: Micros) -> Opened<F::Error> {
+        // Before the journal: what is acknowledged says what it may overwrite.
+        self.open_custody(storage.custody);
         let StorageAreas {
             journal,
             evidence,
-            custody,
             settings,
             programs,
+            ..
         } = storage;
         self.ledger.identity = boot.identity.clone();
         self.ledger.reset = boot.reset;
@@ -102,12 +101,7 @@ impl<F: Flash> Instrument<F> {
         self.ledger.skip_ends = skip_ends;
         self.ledger.heads.start(signer, now);
         let boot = Record::Boot { identity, reset };
-        // Before the journal: what is acknowledged says what it may overwrite.
-        let custody = custody.map(Custody::open);
-        let is_new = custody.as_ref().is_some_and(Custody::is_new);
-        if let Some(custody) = custody {
-            self.ledger.custody.put(custody);
-        }
+        let is_new = self.ledger.custody.get().is_some_and(Custody::is_new);
         let opened = Opened {
             journal: self.open_journal(now, boot, journal, evidence),
             settings: JobStore::open(settings).map(|settings| self.settings.put(settings)),
@@ -118,6 +112,14 @@ impl<F: Flash> Instrument<F> {
         }
         self.take_custody(now, is_new);
         opened
+    }
+
+    /// Opens what is kept for the owner, if it is not open.
+    #[inline(never)]
+    pub(crate) fn open_custody(&mut self, flash: Option<F>) {
+        if let Some(flash) = flash {
+            self.ledger.custody.put(Custody::open(flash));
+        }
     }
 
     /// Takes up the job and the reference that were in force, under the ceilings that are in force now.

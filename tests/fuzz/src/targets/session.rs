@@ -89,7 +89,7 @@ fn claimed() -> Vec<u8> {
         let memory = Memory::erased(4, 4096);
         let mut gate = open(&memory, || true);
         let claims = Request::KeyEnrol(key(OWNER, Role::Owner));
-        let kept = gate.change(Micros(0), &claims, &Caller::NOBODY, |_| true);
+        let kept = gate.change(Micros(0), &claims, &Caller::NOBODY, |_, _| true);
         assert_eq!(kept, Ok(true));
         memory.cells()
     };
@@ -212,7 +212,7 @@ impl Scene {
                     answers.open = proven.ok().map(|(_, signature)| signature);
                 }
                 _ => {
-                    let changed = self.gate.change(now, &request, &caller, |_| true);
+                    let changed = self.gate.change(now, &request, &caller, |_, _| true);
                     answers.done |= changed == Ok(true);
                 }
             }

@@ -582,7 +582,7 @@ fn what_is_asked_for_again_is_done_once() {
         Request::LockSet { locked: true },
     ] {
         for _ in 0..3 {
-            let done = keeper.change(Micros(0), &request, &Caller::NOBODY, |what| {
+            let done = keeper.change(Micros(0), &request, &Caller::NOBODY, |_, what| {
                 told.push(what.what);
                 true
             });
@@ -651,6 +651,10 @@ fn a_power_cut_leaves_no_half_wiped_board() {
     configured.config.ceilings.rms_mm = Some(0.01);
     let mut custody = Custody::open(whole.beside(&new.custody));
     custody.save(Micros(0), configured).unwrap();
+    let mut marks = custody.marks();
+    (marks.age.keys, marks.is_owned) = (1, true);
+    custody.keep_marks(Micros(0), marks).unwrap();
+    let age = marks.age;
     let claimed = (AccessMode::Claimed, configured.config, false);
     assert_eq!(new.start(&whole), claimed);
     let wiped = (AccessMode::Open, BoardConfig::NEW, true);
@@ -666,7 +670,7 @@ fn a_power_cut_leaves_no_half_wiped_board() {
                 chain: [7; 32],
                 key_id: None,
             };
-            let has_begun = keeper.begin_wipe(Micros(0), wiping).is_ok();
+            let has_begun = keeper.begin_wipe(Micros(0), wiping, age).is_ok();
             if has_begun {
                 board.start(&power);
             }

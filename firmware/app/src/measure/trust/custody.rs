@@ -16,12 +16,17 @@
 //! A new board keeps an entry at its first start. So an area that reads as if it had never been written is that
 //! of a new board, or was erased: then the evidence tells of a configuration, and the strictest counts.
 //!
-//! An entry says how often keys and configuration were changed ([`Age`]), and whether the board has an owner; the keys'
-//! area says the same. So a copy of one of the two that is older than the other is known, and the board does not become open
-//! where the area of the keys is erased ([`crate::access`] compares).
+//! An entry says how often keys and configuration were changed ([`Age`]), in which life of the board, and whether it has an
+//! owner; the keys' area says the same. So a copy of one of the two that is older than the other, or from before a wipe, is
+//! known, and the board does not become open where the area of the keys is erased ([`crate::access`] compares). An entry with
+//! a life and no owner stands only where the power was cut while the first owner's key was enrolled.
 //!
 //! # Limitations
 //!
+//! Of two memories of different lives nobody knows which one is right: the board is locked, and its owner out, too.
+//! Where what is kept here is gone, nobody knows of which life the keys are: they count, and the strictest configuration.
+//! A firmware that knew no lives has kept all as of life 0, until its keys change once.
+//! Who puts older copies of both memories back at once has the board that they are of.
 //! A run is judged more often than a sector should be erased: the number of the last one stands twice in one sector.
 //! Where that is damaged at rest, an older one counts.
 //! A damaged ring that was just begun anew is that of a new board to its evidence only, where power is cut before the
@@ -199,6 +204,24 @@ impl<F: Flash> Custody<F> {
         matches!(&self.ring, Ring::Open(ring) if ring.next_seq() == 0) && !self.marks.is_fallback
     }
 
+    /// Whether a wipe of keys of this age goes on here: they are of the same life, or none is known here. So it is where the
+    /// power was cut while this was erased: what is left may be of before the life.
+    pub fn ends_with(&self, keys: Age) -> bool {
+        let is_same = |known: Age| known.life() == 0 || known.life() == keys.life();
+        self.is_reachable() && self.known().is_none_or(is_same)
+    }
+
+    /// Erases what is kept, at the end of a wipe.
+    pub fn erase(&mut self) {
+        let mut flash = match core::mem::replace(&mut self.ring, Ring::Unreachable) {
+            Ring::Open(ring) => ring.into_flash(),
+            Ring::Damaged(flash) => flash,
+            Ring::Unreachable => return,
+        };
+        erase(&mut flash);
+        *self = Self::open(flash);
+    }
+
     /// Begins with nothing kept, or as strictly as can be where something was kept and is gone.
     pub fn begin(&mut self, now: Micros, is_lost: bool) {
         if is_lost {
@@ -223,9 +246,25 @@ impl<F: Flash> Custody<F> {
     /// Of which age the keys are, if an entry that the start has found says so.
     pub fn known(&self) -> Option<Age> {
         let Marks { age, is_owned, .. } = self.marks;
-        // An owner of whom only a firmware knew that does not count.
-        let is_counted = age.keys > 0 || !is_owned;
+        // An owner of whom only a firmware knew that does not count; and what is the strictest for want of another, nothing yet.
+        let is_counted = age.keys > 0 || !is_owned && !self.marks.is_fallback;
         (self.has_ages && is_counted).then_some(age)
+    }
+
+    /// Whether keys of this age can be of the life that is known here, as late as this or one change later; not whether they
+    /// are older.
+    pub fn takes_keys(&self, keys: Age) -> bool {
+        let Marks { is_owned, .. } = self.marks;
+        self.known().is_none_or(|known| {
+            let next = known.changes().saturating_add(1);
+            if keys.life() == known.life() {
+                // Who has no owner and no life under way takes nobody's.
+                keys.changes() <= next && (is_owned || known.life() > 0)
+            } else {
+                // What a firmware that knew no lives has kept gets one with a change.
+                is_owned && known.life() == 0 && keys.changes() == next
+            }
+        })
     }
 
     /// Notes what is known of the board. What a firmware before has kept is not written anew for that, if it `may_wait`: then
@@ -315,6 +354,14 @@ impl<F: Flash> Custody<F> {
         let _ = ring.append(KIND, now, payload);
         (self.kept, self.marks, self.is_before) = (kept, marks, false);
         Ok(())
+    }
+}
+
+/// Erases an area.
+pub(crate) fn erase(area: &mut impl Flash) {
+    for sector in 0..area.geometry().sectors {
+        // A sector that cannot be erased shows when the area is opened.
+        let _ = area.erase(sector.into());
     }
 }
 
@@ -575,7 +622,7 @@ mod tests {
         };
         let mut custody = Custody::open(RamFlash::new());
         let age = Age {
-            keys: u32::MAX,
+            keys: u64::MAX,
             config: u32::MAX,
         };
         let longest_marks = Marks {

@@ -2,7 +2,7 @@
 //! not at all.
 //!
 //! How old it is stands behind the rest ([`Age`]). A firmware that knows nothing of that reads what stands before it:
-//! one that is put back after a trial locks nobody out.
+//! one that is put back after a trial locks nobody out. One that knew no lives ([`Age::life`]) has kept what reads as life 0.
 
 use serde::{Deserialize, Serialize};
 use umi_protocol::access::{AccessMode, AccessRefusal, KeyId, KeyInfo, Keys, Role};
@@ -34,10 +34,34 @@ pub struct KeyRegister {
 /// older than the other is known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Age {
-    /// Keys or the lock; 0: not by a firmware that counts.
-    pub keys: u32,
+    /// Keys or the lock, in the lower half; 0: not by a firmware that counts. The life of the board, in the upper one.
+    pub keys: u64,
     /// The configuration.
     pub config: u32,
+}
+
+impl Age {
+    /// Behind every change that an owner makes: the keys are lost, and none from before counts any more.
+    pub const LOST: u64 = 1 << 31;
+
+    /// The keys at the beginning of the life with this number.
+    #[must_use]
+    pub const fn begun(life: u32) -> u64 {
+        (life as u64) << 32
+    }
+
+    /// From the first owner's claim to the wipe a board has one life. Its number is drawn; 0: none has begun, or by a firmware
+    /// that knew none.
+    #[must_use]
+    pub const fn life(self) -> u32 {
+        (self.keys >> 32) as u32
+    }
+
+    /// How often keys or the lock were changed in it.
+    #[must_use]
+    pub const fn changes(self) -> u32 {
+        self.keys as u32
+    }
 }
 
 /// What was kept before there was an age.
@@ -97,6 +121,15 @@ impl KeyRegister {
     #[must_use]
     pub fn aged(self, age: Age) -> Self {
         Self { age, ..self }
+    }
+
+    /// In the life with this number, if it is in none yet.
+    #[must_use]
+    pub fn in_life(mut self, life: u32) -> Self {
+        if self.age.life() == 0 {
+            self.age.keys |= Age::begun(life);
+        }
+        self
     }
 
     /// With the first owner's key under way, or not.

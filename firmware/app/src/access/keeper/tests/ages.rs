@@ -4,6 +4,8 @@ use umi_protocol::config::LockedReading;
 
 use super::*;
 
+mod lives;
+
 /// What an owner does in a start of its own.
 fn does(areas: &Areas, request: Request) {
     let app = areas.started(&Cut::whole(&areas.access));
@@ -164,8 +166,8 @@ fn the_jumper_wipes_whatever_is_damaged() {
     }
 }
 
-/// Keys that are older than custody knows are nobody's; a configuration that is older than the keys' memory knows is the
-/// strictest. Both are told, and both stay so.
+/// Keys that are older than custody knows are nobody's; so are those that custody knows nothing of, or not the last two
+/// changes; a configuration that is older than the keys' memory knows is the strictest. All are told, and stay so.
 #[test]
 #[cfg_attr(
     not(feature = "owner"),
@@ -189,12 +191,16 @@ fn an_older_copy_does_not_count() {
             assert!(tells_of_lost_keys(&areas));
         }
     }
-    for (older, now) in [
-        (new, revoked),
-        (new, locked),
-        (revoked, tight),
-        (engineer, locked),
-    ] {
+    for (older, now) in [(new, revoked), (new, locked), (engineer, locked)] {
+        let areas = now.copied();
+        put(&older.custody, &areas.custody);
+        for _ in 0..3 {
+            assert_eq!(start(&areas), (AccessMode::Locked, STRICT));
+            assert!(!has(&areas, 1) && !has(&areas, 2));
+            assert!(tells_of_lost_keys(&areas));
+        }
+    }
+    for (older, now) in [(engineer, tight), (revoked, tight)] {
         let areas = now.copied();
         let mode = start(now).0;
         put(&older.custody, &areas.custody);

@@ -9,7 +9,7 @@ use crate::App;
 use crate::measure::trust::custody::Kept;
 
 /// The areas of a board of protocol 2.23, as it left them; its journal is a new one.
-fn before() -> Areas {
+pub(super) fn before() -> Areas {
     let cells = |kept: &[u8], sector: usize| {
         let mut bytes = std::vec![0xFF; SECTORS * sector];
         bytes[..kept.len()].copy_from_slice(kept);
