@@ -5,7 +5,8 @@
 //! Both stand in a small [`Journal`] of their own, in flash that no request reads: an entry for
 //! each start, with the key's seed and the count of starts up to it. So a start that is cut
 //! leaves the one before, and a key is there whole or not at all. The first start of a new board
-//! draws the seed, and keeps it in two sectors: damage of one, or of its header, costs no key. Where none can be read the
+//! draws the seed, and keeps it in two sectors: damage of one, or of its header, costs no key. The count of starts, and what
+//! stands behind the key, may fall to what the other sector has. Where none can be read the
 //! board has no key, and makes no other in its place, until a wipe has it drawn anew ([`BoardKey::renew`]).
 //!
 //! Behind the key an entry may have what somebody else keeps
