@@ -11,7 +11,8 @@
 //! (`state`). The slot that runs is never written. An image is verified (board, signature, SHA-512, version and
 //! counter) before it is kept for trial, and the one that is to run again at every start: one that
 //! was changed meanwhile does not run, but the other slot's does, if that is right and not older
-//! than the counter allows; else what was built in.
+//! than the counter allows; else what was built in. An image that comes may not be older than what runs either, so that an
+//! older copy of what counts takes no older image; nor, where nothing counts any more, than a whole one in a slot.
 //!
 //! A board whose images are built for the place that they stand in has a boot loader: it calls
 //! [`Slots::start`], and the image that it has started goes on by [`Slots::resume`]. Nothing is built in
@@ -22,7 +23,8 @@
 //!
 //! # Limitations
 //!
-//! An image is as trusted as the flash of the key that it is verified by.
+//! An image is as trusted as the flash of the key that it is verified by. Who puts older copies of what counts and of both
+//! slots back at once has the board that they are of.
 
 pub mod boot_rom;
 
@@ -463,6 +465,9 @@ impl<F: Flash> Slots<F> {
         {
             return Ok(receiving.offset);
         }
+        if self.is_older(&header) {
+            return Err(UpdateRefusal::Rollback.into());
+        }
         self.receiving = None;
         let is_fresh = self.kept.trial.is_none() && self.kept.latest == UpdateState::None;
         if !is_fresh {
@@ -479,6 +484,20 @@ impl<F: Flash> Slots<F> {
             offset: 0,
         });
         Ok(0)
+    }
+
+    /// Whether an image is older than one that the board has, whatever is kept: than what runs; and, where nothing is kept of
+    /// any image, than what stands whole in a slot. One that was given up there bars none, for that is kept.
+    #[inline(never)]
+    fn is_older(&mut self, header: &ImageHeader) -> bool {
+        let is_older =
+            |than: &ImageHeader| header.counter < than.counter || header.version < than.version;
+        let knows_none = self.kept.active.is_none() && self.kept.latest == UpdateState::None;
+        self.running.as_ref().is_some_and(|(_, of)| is_older(of))
+            || knows_none
+                && [false, true]
+                    .into_iter()
+                    .any(|slot| self.verified(slot).is_ok_and(|of| is_older(&of)))
     }
 
     /// Programs bytes, page by page: no page crosses the end of a sector, which is erased before its

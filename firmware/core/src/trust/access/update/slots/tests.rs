@@ -772,3 +772,52 @@ fn an_image_begins_anew_where_the_flash_failed() {
     assert_eq!(slots.begin(header), Ok(0), "it begins anew");
     assert_eq!(send(&mut slots, &next), Ok([1, 2, 0]));
 }
+
+/// Where what counts is an older copy, or was erased, images that the board has bar older ones all the same; one that was
+/// given up bars none.
+#[test]
+fn an_older_state_takes_no_older_image() {
+    let mut areas = Areas::new();
+    let mut older = None;
+    for n in 1_u16..=7 {
+        let mut slots = areas.open();
+        slots.start().unwrap();
+        send(&mut slots, &good(n, n.into(), 300)).unwrap();
+        let mut slots = areas.open();
+        slots.start().unwrap();
+        slots.confirm().unwrap();
+        if n == 1 {
+            older = Some(areas.state.clone());
+        }
+    }
+    let erased = Some(MockFlash::new(STATE));
+    for (state, counter) in [(older, 7), (erased, 0)] {
+        let mut areas = areas.clone();
+        areas.state = state.unwrap();
+        let mut slots = areas.open();
+        slots.start().unwrap();
+        assert_eq!(slots.info().counter, counter);
+        for n in [2_u16, 6] {
+            let refused = refused(send(&mut slots, &good(n, n.into(), 300)));
+            assert_eq!(refused, UpdateRefusal::Rollback, "{counter} {n}");
+        }
+        assert_eq!(slots.info().counter, counter);
+        send(&mut slots, &good(8, 7, 300)).unwrap();
+        let mut slots = areas.open();
+        assert!(slots.start().unwrap().on_trial);
+    }
+    // A new board gives an image up: it takes an older one.
+    let mut areas = Areas::new();
+    for (n, is_confirmed) in [(9_u16, false), (1, true)] {
+        let mut slots = areas.open();
+        slots.start().unwrap();
+        send(&mut slots, &good(n, n.into(), 300)).unwrap();
+        let mut slots = areas.open();
+        assert!(slots.start().unwrap().on_trial);
+        if is_confirmed {
+            slots.confirm().unwrap();
+        }
+        areas.open().start().unwrap();
+    }
+    assert_eq!(areas.open().kept.counter, 1);
+}
