@@ -557,6 +557,51 @@ fn a_top_that_stands_off_hides_no_better_pose() {
     }
 }
 
+/// A bar with a step at its end, of which the top stands off: its fit does not end between the top and the rest. By little that
+/// is in the doubt, and the truth within it; by more it is refused. From above, the steps below the top outvote it.
+#[test]
+fn what_stands_off_by_little_is_in_the_doubt() {
+    let bar = |top: f64| {
+        let outline = [
+            [0.0, 0.0],
+            [100.0, 0.0],
+            [100.0, 24.0],
+            [88.0, 24.0],
+            [88.0, 30.0 + top],
+            [20.0, 30.0 + top],
+            [20.0, 26.0],
+            [0.0, 26.0],
+        ];
+        let caps = [[0, 1, 2, 7], [7, 2, 3, 6], [6, 3, 4, 5]];
+        prism(&outline, &caps, 50.0, [0.0, 0.0])
+    };
+    let model = bar(0.0);
+    let mut random = Random(64);
+    for by_mm in [0.06, 0.1, 0.2, 0.4] {
+        for seen in [-2.0, 0.1] {
+            let pose = random.pose();
+            let eye = Vec3::new(0.3, 0.9, 0.3);
+            let keep = |n: &Vec3| n.dot(&eye) > seen;
+            let points = scan(&bar(by_mm), 4000, 0.01, &pose, &mut random, keep);
+            let found = task(&model, &points).find();
+            if by_mm > 0.15 {
+                assert_eq!(found.unwrap_err().code, "ambiguous", "{by_mm} {seen}");
+                continue;
+            }
+            let located = found.unwrap();
+            let corners = model.corners();
+            let off = |p: &Vec3| located.motion.point(p) - pose.point(p);
+            for p in &corners {
+                let cov = located.certainty.at(&located.motion, p);
+                let square = off(p).dot(&(cov.try_inverse().unwrap() * off(p)));
+                assert!(square < 12.0, "{by_mm} {seen}: {square}");
+            }
+            let worst = corners.iter().map(|p| off(p).norm()).fold(0.0, f64::max);
+            assert!(worst < 2.0 * by_mm, "{by_mm} {seen}: {worst}");
+        }
+    }
+}
+
 /// A face that is worn by 0.3 mm all over, of a part of 120 mm: what is said of it, by how much of the part is seen.
 #[test]
 #[ignore = "figures of tests/bench/LOCALISE.md"]

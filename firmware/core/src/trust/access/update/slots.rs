@@ -40,7 +40,7 @@ use crate::journal::{ERASED, Flash};
 /// Bytes that are hashed or programmed at once.
 const PIECE: usize = 256;
 
-/// What is programmed at once, as flash wants it aligned.
+/// What is hashed or programmed at once: flash wants it aligned, and copies words of it four times as fast.
 #[repr(align(4))]
 struct Page([u8; PIECE]);
 
@@ -617,11 +617,11 @@ impl<F: Flash> Slots<F> {
         length: u32,
         mut take: impl FnMut(&[u8]),
     ) -> Result<(), UpdateError> {
-        let mut room = [0; PIECE];
+        let mut page = Page([0; PIECE]);
         let mut at = 0;
         while at < length {
             let count = (length - at).min(PIECE as u32);
-            let piece = room.get_mut(..count as usize).unwrap_or_default();
+            let piece = page.0.get_mut(..count as usize).unwrap_or_default();
             let read = self.flash(slot).read(IMAGE_HEADER as u32 + at, piece);
             read.map_err(|_| UpdateError::Flash)?;
             take(piece);
