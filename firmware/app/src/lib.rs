@@ -381,6 +381,7 @@ impl<F: Flash> App<F> {
                 }
             };
             let mut measure = self.measure.lock().await;
+            measure.tell_what_waits(clock.now());
             let before = measure.arming();
             match came {
                 Either6::First(sent) => {

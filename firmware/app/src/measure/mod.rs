@@ -177,11 +177,15 @@ impl<F: Flash> Instrument<F> {
         times.into_iter().flatten().min()
     }
 
-    /// Time passed.
-    pub fn on_time(&mut self, now: Micros) {
+    /// Before whatever comes: a start that found no room in the journal is told now that there is some.
+    pub fn tell_what_waits(&mut self, now: Micros) {
         if core::mem::take(&mut self.ledger.tells_again) {
             self.tell_again(now);
         }
+    }
+
+    /// Time passed.
+    pub fn on_time(&mut self, now: Micros) {
         let Self { brain, ledger, .. } = self;
         if ledger.too_old().is_some_and(|until| now >= until) {
             // A program that has begun goes on; none begins any more.

@@ -92,9 +92,9 @@ const BUDGETS: [(&str, u64); 19] = [
     (names::PLACE, 140),
     // At 9000 a second a core of 480 MHz has 53 333 for each.
     (names::READING, 3_700),
-    (names::SIGN, 2_850_000),
-    (names::VERIFY, 3_340_000),
-    (names::SESSION, 9_000_000),
+    (names::SIGN, 1_960_000),
+    (names::VERIFY, 2_210_000),
+    (names::SESSION, 6_060_000),
     (names::SEAL, 15_700),
     // An image of 640 KB in 64 million: a seventh of a second on a core of 480 MHz.
     (names::DIGEST, 97),
