@@ -124,7 +124,7 @@ impl LocaliseTask<'_> {
             ));
         }
         let surface = CompositeSurface::from(self.model.clone());
-        let found = match (&self.start, self.kernel) {
+        let mut found = match (&self.start, self.kernel) {
             (Some(start), Some(kernel)) => return self.stated(&surface, start, kernel),
             (Some(start), None) => {
                 let begun = self.near_start(&surface, start)?;
@@ -138,20 +138,19 @@ impl LocaliseTask<'_> {
                 symmetries: found.symmetries.clone(),
                 ..self.stated(&surface, &found.fit.motion, kernel)?
             },
-            None => self.finish(&surface, found.clone())?,
+            None => self.finish(&surface, &mut found)?,
         };
-        let corners = self.model.corners();
-        if let Some(refusal) = found.refusal(&located, &corners) {
+        if let Some(refusal) = found.refusal(&located) {
             return Err(refusal);
         }
         if self.kernel.is_some() {
             return Ok(located);
         }
-        if !found.doubts.is_empty() && found.is_at(&located, &corners) {
+        if !found.doubts.is_empty() {
             located.certainty = located.certainty.or_moved(&found.doubts);
             located.reasons = verdict_reasons(
                 &located,
-                &corners,
+                &self.model.corners(),
                 self.limit_mm,
                 self.scale_limit_ppm,
                 "part",
@@ -238,14 +237,16 @@ impl LocaliseTask<'_> {
 
     /// The end of a search or of a refinement. A pose that lies on few of the points of the part, and the rest of them for
     /// strays, is seen by the size: another pose of the right size explains more. The end is begun anew from there then, and
-    /// that pose is judged as what the search finds is. Where it is refused, so is the scan: the first one lies on fewer.
+    /// that pose is judged as what the search finds is, and takes the place of what was `found`. Where it is refused, so is
+    /// the scan: the first one lies on fewer.
     fn finish(
         &self,
         surface: &CompositeSurface,
-        found: verdict::Decided,
+        found: &mut verdict::Decided,
     ) -> Result<Located, ScanError> {
-        let (motion, sigma) = (&found.fit.motion, found.fit.sigma_mm);
-        let (first, better) = self.finish_from(surface, motion, sigma, found.symmetries)?;
+        let (motion, sigma) = (found.fit.motion, found.fit.sigma_mm);
+        let (first, better) =
+            self.finish_from(surface, &motion, sigma, found.symmetries.clone())?;
         let Some(better) = better else {
             return Ok(first);
         };
@@ -262,7 +263,7 @@ impl LocaliseTask<'_> {
             again.symmetries = first.symmetries;
             return Ok(again);
         }
-        let mut others = found.all;
+        let mut others = std::mem::take(&mut found.all);
         others.push(first.motion);
         let fit = fit::Fit {
             motion: again.motion,
@@ -270,7 +271,8 @@ impl LocaliseTask<'_> {
             inliers: again.n_used,
             worth: 0,
         };
-        again.symmetries = verdict::again::judged(self, surface, &fit, &others)?;
+        *found = verdict::again::judged(self, surface, &fit, &others)?;
+        again.symmetries.clone_from(&found.symmetries);
         let (more, chance) =
             verdict::rivals::advantage(&self.marked(&again.on), &self.marked(&first.on));
         if more <= chance {

@@ -674,13 +674,13 @@ fn on_a_chip(part: &Mesh, seed: u64) -> (Vec<Vec3>, verdict::Decided) {
 #[test]
 fn where_the_end_begins_anew_it_is_judged_as_what_the_search_finds() {
     let ended = |part: &Mesh, accept_symmetry| {
-        let (points, chip) = on_a_chip(part, 51);
+        let (points, mut chip) = on_a_chip(part, 51);
         let surface = CompositeSurface::from(part.clone());
         LocaliseTask {
             accept_symmetry,
             ..task(part, &points)
         }
-        .finish(&surface, chip)
+        .finish(&surface, &mut chip)
     };
     let part = straight();
     let found = ended(&part, false).unwrap();
@@ -690,6 +690,32 @@ fn where_the_end_begins_anew_it_is_judged_as_what_the_search_finds() {
     assert_eq!(error.code, "ambiguous", "{}", error.message);
     let told = ended(&block(), true).unwrap();
     assert_eq!(told.symmetries.len(), 3, "{:?}", told.symmetries);
+}
+
+/// A pose that the end came to by itself is asked for faces that stand off, as one that was found.
+#[test]
+fn what_stands_off_is_said_of_the_place_where_the_end_came_to() {
+    let part = straight();
+    let surface = CompositeSurface::from(part.clone());
+    for by_mm in [0.04, 0.2] {
+        let (mut points, chip) = on_a_chip(&part, 51);
+        let out = Vec3::new(0.0, -by_mm, 0.0);
+        for q in points.iter_mut().filter(|q| q.y.abs() < 0.03) {
+            *q += out;
+        }
+        let end = fit::Fit {
+            motion: Pose::identity(),
+            ..chip.fit
+        };
+        let judged =
+            verdict::again::judged(&task(&part, &points), &surface, &end, &[chip.fit.motion]);
+        let judged = judged.map_err(|error| error.message).unwrap();
+        let refused = judged.aside.map(|error| error.code);
+        match judged.doubts.as_slice() {
+            [doubt] if by_mm < 0.1 => assert!((doubt - out).norm() < 0.005),
+            doubts => assert_eq!((doubts, refused), (&[][..], Some("ambiguous"))),
+        }
+    }
 }
 
 /// A block with a pin is nearly its own mirror image. Where the search misses the part and finds the mirror image, which fits

@@ -114,9 +114,8 @@ fn coverage(runs: u64, kind: Kind, seed: u64) -> (f64, f64) {
         task.threads = Threads::new(1);
         // The fit alone: that a start or a search leads to the right place is known.
         let near = task.near_start(&surface, &pose).unwrap();
-        let found = task
-            .finish(&surface, super::super::verdict::Decided::alone(near))
-            .unwrap();
+        let mut near = super::super::verdict::Decided::alone(near);
+        let found = task.finish(&surface, &mut near).unwrap();
         let turn = rotation_vector(&(pose.rotation * found.motion.rotation.transpose()));
         let shift = pose.translation_mm - found.motion.translation_mm;
         let error = Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z);

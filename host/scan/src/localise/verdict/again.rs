@@ -3,23 +3,23 @@
 //! The end begins anew where more points lie by the size ([`super::super::size`]). That pose has passed none of what the
 //! search's had to: it is asked the same, against all that the search found and the pose that it is to replace.
 
-use super::symmetry::{SymmetryAxis, ambiguous};
-use super::{Judge, Worth, no_fit, too_little};
+use super::symmetry::ambiguous;
+use super::{Decided, Judge, Worth, no_fit, too_little};
 use crate::ScanError;
 use crate::localise::LocaliseTask;
-use crate::localise::fit::Fit;
+use crate::localise::fit::{self, Fit};
 use crate::localise::search::oriented::from_seed;
 use crate::localise::search::scene::Scene;
 use crate::rigid::Pose;
 use crate::surface::CompositeSurface;
 
-/// The symmetries of a pose that stands, where those are accepted. `others`: what else was found, however good it is.
+/// The pose, if it stands, with what lies beside it. `others`: what else was found, however good it is.
 pub(in crate::localise) fn judged(
     task: &LocaliseTask<'_>,
     surface: &CompositeSurface,
     fit: &Fit,
     others: &[Pose],
-) -> Result<Vec<SymmetryAxis>, ScanError> {
+) -> Result<Decided, ScanError> {
     let judge = Judge::new(task, surface);
     let scene = Scene::new(task.model, &from_seed(task.points, task.seed), task.threads);
     match judge.worth(&scene, fit) {
@@ -43,9 +43,13 @@ pub(in crate::localise) fn judged(
     if decided.as_ref().map_or_else(is_answer, |_| true) {
         judge.stands(&scene, fit)?;
     }
-    let decided = decided?;
-    if judge.is_new(std::slice::from_ref(fit), &decided.fit.motion) {
-        // All points speak for the one, and those that tell the two apart for the other.
+    let decided = judge.with_aside(&scene, decided?)?;
+    let moved_mm = decided
+        .fit
+        .motion
+        .apart_mm(&fit.motion, &judge.prepared.corners);
+    if moved_mm > fit::CLOSE * fit.sigma_mm {
+        // All points speak for the one, and those that tell the two apart, or most sides, for the other.
         return Err(ambiguous(
             &[],
             &[fit.motion, decided.fit.motion],
@@ -53,5 +57,5 @@ pub(in crate::localise) fn judged(
             "scan what tells them apart, or with less noise and fewer stray points",
         ));
     }
-    decided.beside.map_or(Ok(decided.symmetries), Err)
+    Ok(decided)
 }

@@ -12,6 +12,7 @@ use std::collections::BTreeMap;
 
 use super::symmetry::ambiguous;
 use super::{Decided, Judge};
+use crate::ScanError;
 use crate::localise::fit::{self, Fit};
 use crate::localise::search::scene::Scene;
 use crate::localise::verdict::rivals::{is_clearly_off, on};
@@ -55,11 +56,17 @@ impl Side {
 
 impl Judge<'_> {
     /// With the refusal of a part that lies as well on a face that stands off, or with the doubt by it.
-    pub(super) fn with_aside(&self, scene: &Scene, mut decided: Decided) -> Decided {
+    pub(super) fn with_aside(
+        &self,
+        scene: &Scene,
+        mut decided: Decided,
+    ) -> Result<Decided, ScanError> {
         for _ in 0..TURNS {
             let Some(better) = self.better_beside(scene, &decided.fit) else {
                 break;
             };
+            // It has passed nothing of what the fit before it had to.
+            self.stands(scene, &better)?;
             decided.fit = better;
         }
         let sigma = self.noise(scene, &decided.fit);
@@ -79,7 +86,7 @@ impl Judge<'_> {
                 decided.doubts.push(shift);
             }
         }
-        decided
+        Ok(decided)
     }
 
     /// A fit from where some of a large side lie on the part, if more of the scan is as the model has it by that one.

@@ -51,18 +51,11 @@ pub(super) struct Decided {
 }
 
 impl Decided {
-    /// Why what the end came to is no answer: the part lies as well beside it. Nothing where the end came to another place; nor
-    /// of a face that stands off where the verdict is NG without that, as by the size.
-    pub fn refusal(&self, located: &Located, corners: &[Vec3]) -> Option<ScanError> {
+    /// Why what the end came to is no answer: the part lies as well beside it. Nothing of a face that stands off where the
+    /// verdict is NG without that, as by the size.
+    pub fn refusal(&self, located: &Located) -> Option<ScanError> {
         let aside = self.aside.as_ref().filter(|_| located.reasons.is_empty());
-        let refusal = self.beside.as_ref().or(aside);
-        refusal.filter(|_| self.is_at(located, corners)).cloned()
-    }
-
-    /// Whether the end came to this place.
-    pub fn is_at(&self, located: &Located, corners: &[Vec3]) -> bool {
-        let moved_mm = located.motion.apart_mm(&self.fit.motion, corners);
-        moved_mm < fit::CLOSE * located.sigma_mm
+        self.beside.as_ref().or(aside).cloned()
     }
 }
 
@@ -271,8 +264,9 @@ impl<'a> Judge<'a> {
             Err(_) => {}
         }
         let decided = decided?;
+        let decided = self.with_aside(scene, decided)?;
         self.only_body(scene, &decided.fit)?;
-        Ok(self.with_aside(scene, decided))
+        Ok(decided)
     }
 
     /// The fit that a start led to, if it stands as what the search finds must: the start may be right to within a few
@@ -335,7 +329,7 @@ impl<'a> Judge<'a> {
             return Err(elsewhere(&missed));
         }
         self.stands(scene, here)?;
-        decided.map(|decided| self.with_aside(scene, decided))
+        self.with_aside(scene, decided?)
     }
 
     /// The best distinct fits of the part in a scene, best first; those that explain clearly less than the best, or than
