@@ -1,6 +1,7 @@
 //! Points of a scan: all at once ([`ScanCloud`]), or one after the other ([`Points`]).
 
 mod cube;
+pub(crate) mod curve;
 pub mod tree;
 
 pub(crate) use cube::CubeHasher;

@@ -13,6 +13,7 @@ mod verdict;
 use serde_json::{Value, json};
 
 use crate::ScanError;
+use crate::cloud::curve;
 use crate::parallel::Threads;
 use crate::rigid::{Pose, Vec3};
 use crate::solve::{self, Kernel, Measured};
@@ -314,10 +315,8 @@ impl LocaliseTask<'_> {
         let points: Vec<Vec3> = about.iter().map(|&i| self.points[i]).collect();
         let measured = solve::measure_within(surface, &points, motion, &[], reach, self.threads);
         let places = near(&measured, reach);
-        let fitted: Vec<usize> = pairs::spread(places.len(), MANY)
-            .into_iter()
-            .map(|k| places[k])
-            .collect();
+        let fitted = pairs::spread(places.len(), MANY).into_iter();
+        let fitted = curve::in_order(&points, fitted.map(|k| places[k]).collect());
         let kept: Vec<Vec3> = fitted.iter().map(|&k| points[k]).collect();
         let before = fitted.iter().map(|&k| measured[k]).collect();
         let of: Vec<usize> = fitted.iter().map(|&k| self.groups.of(about[k])).collect();

@@ -10,6 +10,7 @@ use super::fit::{self, row};
 use super::search::pairs;
 use super::uncertainty::{self, Certainty, Groups};
 use super::{LocaliseTask, near, spread};
+use crate::cloud::curve;
 use crate::rigid::{Pose, Vec3, stepped};
 use crate::solve::{Kernel, Measured, measure_within};
 use crate::surface::CompositeSurface;
@@ -71,9 +72,10 @@ impl LocaliseTask<'_> {
         let diagonal = self.model.diagonal_mm();
         let widest = (REACHES[0] * diagonal).max(10.0 * sigma);
         let about = self.within(surface, motion, widest);
-        let few = pairs::spread(about.len(), SIZED);
-        let points: Vec<Vec3> = few.iter().map(|&k| self.points[about[k]]).collect();
-        let of: Vec<usize> = few.iter().map(|&k| self.groups.of(about[k])).collect();
+        let few = pairs::spread(about.len(), SIZED).into_iter();
+        let few = curve::in_order(self.points, few.map(|k| about[k]).collect());
+        let points: Vec<Vec3> = few.iter().map(|&k| self.points[k]).collect();
+        let of: Vec<usize> = few.iter().map(|&k| self.groups.of(k)).collect();
         let groups = Groups {
             of: &of,
             ..self.groups

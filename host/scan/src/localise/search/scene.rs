@@ -1,5 +1,6 @@
 //! A scan made ready for a search: thinned to one density, with normals.
 
+use crate::cloud::curve;
 use crate::cloud::tree::PointTree;
 use crate::localise::search::oriented::{NEIGHBOURS, Oriented, orient, sample, thin};
 use crate::localise::search::pairs::spread;
@@ -12,7 +13,7 @@ use crate::surface::Mesh;
 pub(in crate::localise) struct Scene {
     /// Points to search with.
     pub places: Vec<Oriented>,
-    /// Points to refine and to compare with.
+    /// Points to refine and to compare with, neighbours after each other.
     pub fine: Vec<Vec3>,
     /// The noise along the normals by the flatness of neighbourhoods, in mm.
     pub noise_mm: f64,
@@ -48,14 +49,10 @@ impl Scene {
             coarse = thin(&coarse, cell, threads);
         }
         let (places, noise_mm) = orient(&coarse, &fine, NORMALS * cell, NEIGHBOURS, threads);
-        let fine = spread(fine.len(), FINE)
-            .into_iter()
-            .map(|i| fine[i])
-            .collect();
         Self {
             tree: tree(&places),
             places,
-            fine,
+            fine: some(&fine, FINE),
             noise_mm,
             cell_mm: cell,
         }
@@ -88,6 +85,12 @@ impl Scene {
             cell_mm: self.cell_mm,
         }
     }
+}
+
+/// At most `most` of the points, neighbours after each other.
+pub(in crate::localise) fn some(points: &[Vec3], most: usize) -> Vec<Vec3> {
+    let order = curve::in_order(points, spread(points.len(), most));
+    order.into_iter().map(|k| points[k]).collect()
 }
 
 fn tree(places: &[Oriented]) -> PointTree {

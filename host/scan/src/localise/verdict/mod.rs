@@ -19,8 +19,8 @@ use crate::ScanError;
 use crate::localise::fit::{self, Approach, Fit};
 use crate::localise::search::field::HeightField;
 use crate::localise::search::oriented::from_seed;
-use crate::localise::search::pairs::{IN_A_SCAN, Prepared, spread};
-use crate::localise::search::scene::{Scene, cell_mm, coverage};
+use crate::localise::search::pairs::{IN_A_SCAN, Prepared};
+use crate::localise::search::scene::{self, Scene, cell_mm, coverage};
 use crate::localise::uncertainty::{on_faces, white};
 use crate::localise::verdict::flat::{only_normal, sliding};
 use crate::localise::verdict::rivals::rims::{Rim, passed, rims};
@@ -509,10 +509,7 @@ impl<'a> Judge<'a> {
             })
             .copied()
             .collect();
-        spread(near.len(), most)
-            .into_iter()
-            .map(|i| near[i])
-            .collect()
+        scene::some(&near, most)
     }
 
     fn floor(&self, scene: &Scene) -> f64 {

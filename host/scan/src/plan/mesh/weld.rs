@@ -6,6 +6,7 @@ use nalgebra::Vector3;
 
 use super::RawMesh;
 use crate::ScanError;
+use crate::cloud::curve;
 use crate::surface::Mesh;
 
 /// No neighbour: the edge is a border.
@@ -309,32 +310,19 @@ impl PartMesh {
     }
 }
 
-/// Vertices and triangles in the order of their places, along a curve that keeps neighbours near each other (Morton's): how
-/// a file lists them changes nothing.
+/// Vertices and triangles in the order of their places along a [`curve`]: how a file lists them changes nothing.
 fn in_order(
     vertices: Vec<Vector3<f64>>,
     faces: Vec<[u32; 3]>,
     low: Vector3<f64>,
     across: f64,
 ) -> (Vec<Vector3<f64>>, Vec<[u32; 3]>) {
-    const BITS: u32 = 21;
-    // The cells' borders lie askew to the halves and quarters of the part, where regular meshes have their vertices.
-    let code = |v: &Vector3<f64>| -> u64 {
-        let cell = |k: usize| {
-            let share = (v[k] - low[k]) / across * 0.761 + 0.137;
-            (share * f64::from(1_u32 << BITS)) as u64
-        };
-        let cells = [cell(0), cell(1), cell(2)];
-        (0..BITS).fold(0, |code, bit| {
-            let three = (0..3).fold(0, |three, k| three << 1 | (cells[k] >> bit & 1));
-            code | three << (3 * bit)
-        })
-    };
+    let code = curve::along(low, across);
     let places = |a: &Vector3<f64>, b: &Vector3<f64>| {
         let each = a.iter().zip(b.iter()).map(|(x, y)| x.total_cmp(y));
         each.fold(std::cmp::Ordering::Equal, std::cmp::Ordering::then)
     };
-    let mut sorted: Vec<(u64, u32)> = vertices.iter().map(code).zip(0..).collect();
+    let mut sorted: Vec<(u64, u32)> = vertices.iter().map(&code).zip(0..).collect();
     sorted.sort_by(|a, b| {
         let by_place = || places(&vertices[a.1 as usize], &vertices[b.1 as usize]);
         a.0.cmp(&b.0).then_with(by_place)
