@@ -9,7 +9,7 @@ use umi_client::problem::Problem;
 use umi_client::programs;
 use umi_core::journal::{Flash as _, Geometry};
 use umi_protocol::config::{BoardConfig, JournalConfig, WhenFull};
-use umi_protocol::message::Record;
+use umi_protocol::message::{Record, TeachWhat};
 use umi_protocol::program::{ProgramInfo, ProgramRefusal, Release, Stated};
 use umi_tests::cases::{DC1, clamping, job};
 use umi_virtual::board::KEY;
@@ -373,6 +373,94 @@ fn a_start_without_room_is_told_when_there_is_some() {
         behind.is_empty() && findings.identical >= 16,
         "{findings:?}"
     );
+}
+
+/// A reference that is taught while the journal has no room: nothing goes out that rests on it before the journal has it, and
+/// the inputs behind that lead to the decisions.
+#[test]
+fn a_reference_without_room_is_told_before_anything_rests_on_it() {
+    let config = Config {
+        evidence: Some(VirtualFlash::in_memory(RING)),
+        ..config()
+    };
+    let (board, mut client) = full(&config);
+    // Until the verdicts find no room, either.
+    let failures = client.status().unwrap().journal_failures;
+    while client.status().unwrap().journal_failures < failures + 4 {
+        assert!(!is_correction(&cut(&board, &mut client, 0)));
+    }
+    client.teach(TeachWhat::Again).unwrap().unwrap();
+    assert!(!is_correction(&cut(&board, &mut client, 3)));
+    let taught = client.status().unwrap();
+    assert!(taught.has_reference && taught.teaching.is_none());
+    let next = client.journal_info().unwrap().next_seq;
+    assert_eq!(client.journal_ack(next).unwrap(), Acknowledged::Done);
+    for turn in [1, 3, 1] {
+        let text = cut(&board, &mut client, turn);
+        assert!(is_correction(&text), "{turn}");
+    }
+    let (file, _) = pulled(&mut client);
+    let after = evidence(&file).into_iter().filter(|(seq, _)| *seq >= next);
+    let after: Vec<_> = after.collect();
+    let first = |is: fn(&Record) -> bool| after.iter().find(|(_, of)| is(of)).map(|of| of.0);
+    let told = first(|of| matches!(of, Record::ReferenceRestored { .. })).unwrap();
+    let sent = first(|of| matches!(of, Record::CorrectionSent { .. })).unwrap();
+    assert!(told < sent, "{after:?}");
+    let (_, findings) = umi_tests::cases::journal(&mut client);
+    let differs = |(seq, _): &&(u64, _)| *seq > told;
+    let behind: Vec<_> = findings.differences.iter().filter(differs).collect();
+    assert!(behind.is_empty(), "{behind:?}");
+}
+
+/// One bit of one piece of evidence has changed at rest, and noise has overwritten all that stood around it: all other
+/// pieces are pulled, and the file is not taken for whole.
+#[test]
+fn a_damaged_piece_of_evidence_is_told_and_hides_no_other() {
+    let mut ring = VirtualFlash::in_memory(RING);
+    let config = Config {
+        evidence: Some(ring.clone()),
+        ..config()
+    };
+    let (board, mut client) = start(&config);
+    client.set_job(&job()).unwrap().unwrap();
+    for turn in 0..5 {
+        cut(&board, &mut client, turn);
+    }
+    let (file, _) = pulled(&mut client);
+    let before = evidence(&file);
+    let begun = client.journal_info().unwrap().next_seq;
+    while client.journal_info().unwrap().next_seq < begun + 2 * LAP {
+        board.control_sends(&b"x\r\ny\r\n".repeat(64));
+    }
+    until(|| {
+        std::thread::sleep(Duration::from_millis(100));
+        let before = client.journal_info().unwrap().next_seq;
+        std::thread::sleep(Duration::from_millis(100));
+        client.journal_info().unwrap().next_seq == before
+    });
+    drop((board, client));
+    let mut bytes = vec![0; RING.sector_size as usize];
+    ring.read(0, &mut bytes).unwrap();
+    // The oldest piece, and one between others: each a bit of what stands behind its number and its chain value.
+    let pieces: Vec<usize> = (0..bytes.len())
+        .filter(|at| bytes[*at..].starts_with(&[0xA5]))
+        .collect();
+    for at in [pieces[0], pieces[pieces.len() / 2]] {
+        let whole = bytes.clone();
+        bytes[at + 70] ^= 1;
+        ring.erase(0).unwrap();
+        ring.program(0, &bytes).unwrap();
+        let (board, mut client) = start(&config);
+        let (file, pulled) = pulled(&mut client);
+        let key = pulled.head.as_ref().map(|head| head.key);
+        let refused = verify(&file, key, None).unwrap_err();
+        assert_eq!(refused.code, "head_signature", "{refused}");
+        let after = evidence(&file);
+        let missing: Vec<_> = before.iter().filter(|of| !after.contains(of)).collect();
+        assert_eq!(missing.len(), 1, "{missing:?}");
+        drop((board, client));
+        bytes = whole;
+    }
 }
 
 /// Acknowledgements without end, of a key that may do nothing else, push no evidence out: the first few are

@@ -9,8 +9,9 @@
 //! Where something was kept and cannot be read, the board is locked and nobody has a key: never open.
 //! So it is where nothing is there any more, or only what is older than [`crate::measure::trust::custody`] knows, of another
 //! life of the board ([`Age::life`]), or two changes later: custody is written before a change where it is not as late as
-//! the keys, so that a power cut leaves it one behind at most. A damaged area is begun anew then, so that the starts with the jumper closed are counted. Where a sector's header is damaged and
-//! custody knows that what is left is the newest, nothing is lost.
+//! the keys, so that a power cut leaves it one behind at most. A damaged area is begun anew then, so that the starts with
+//! the jumper closed are counted. Where a sector's header is damaged and custody knows that what is left is the newest,
+//! nothing is lost.
 
 use umi_core::journal::{Flash, Journal, JournalError, NotOpened};
 use umi_core::trust::access::register::{Age, KeyRegister, Wiping};

@@ -221,7 +221,8 @@ impl<F: Flash> Guarded<F> {
 
     /// Compares the keys, what is kept for the owner, and the evidence. Where one of them knows of an owner the board is not
     /// open, for the last one stays; where keys or configuration are older than another knows they do not count, and the
-    /// strictest does. Keys or a wipe of another life of the board do not count, nor does the configuration then. What is known is kept where it was not. Told at each start as long as the keys are lost.
+    /// strictest does. Keys or a wipe of another life of the board do not count, nor does the configuration then. What is
+    /// known is kept where it was not. Told at each start as long as the keys are lost.
     pub fn compare(&mut self, now: Micros, measure: &mut Instrument<F>) {
         let Some(keeper) = self.keeper() else {
             return;

@@ -254,7 +254,7 @@ fn info<F: Flash>(journal: &mut Archive<F>, from: u64, acked: u64) -> JournalInf
     let from = if from < next_seq { from } else { 0 };
     let oldest = journal.first_seq();
     JournalInfo {
-        // What is damaged is passed over.
+        // Where the flash says nothing, what the journal has.
         first_seq: journal.next_there(from).unwrap_or(oldest),
         next_seq,
         acked_seq: acked,

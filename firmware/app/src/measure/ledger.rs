@@ -69,7 +69,7 @@ pub(crate) struct Ledger<F: Flash> {
     pub failures: u32,
     /// An input or a decision since the job began is not in the journal.
     pub(super) unaudited: bool,
-    /// The journal had no room for what a start or a host has put in force: it is told again when it has.
+    /// The journal had no room for what a start, a host or a teaching has put in force: it is told again when it has.
     pub(super) untold: bool,
     /// It may have now.
     pub(super) tells_again: bool,
@@ -208,13 +208,17 @@ impl<F: Flash> Ledger<F> {
                 self.events.push(event);
                 true
             }
-            // Counted, and the inputs are all there: only without what a start or a host has put in
-            // force could nobody audit what follows.
+            // Counted, and the inputs are all there: only without what a start, a host or a teaching has put
+            // in force could nobody audit what follows.
             Some(Err(JournalError::Full)) => {
                 self.failures = self.failures.saturating_add(1);
                 self.untold |= matches!(
                     record,
-                    Record::Boot { .. } | Record::JobSet { .. } | Record::ReferenceRestored { .. }
+                    Record::Boot { .. }
+                        | Record::JobSet { .. }
+                        | Record::Taught { .. }
+                        | Record::ReferenceRestored { .. }
+                        | Record::SensorSet { .. }
                 );
                 false
             }

@@ -251,7 +251,8 @@ impl<F: Flash> Instrument<F> {
             .map_err(|_| SetJobError::Storage)?;
         ledger.tell_repeats(now);
         ledger.forget();
-        (ledger.unaudited, ledger.untold) = (false, false);
+        // What found no room in the journal is told with this job then.
+        ledger.unaudited = false;
         ledger.patience_us = patience_us(job);
         brain.begin(job).map_err(SetJobError::Job)?;
         ledger.job_lost.clear();

@@ -189,8 +189,8 @@ impl<F: Flash> Instrument<F> {
         self.ledger.tell_kept_config(now);
     }
 
-    /// Tells a start once more whose records found no room, now that there is some: nobody could audit
-    /// what follows without them. What was under way begins anew, as at a start. Not where a host's request is
+    /// Tells a start once more, and with it what is in force, where a record of that found no room, now that there is some: nobody
+    /// could audit what follows without it. What was under way begins anew, as at a start. Not where a host's request is
     /// answered: the stack has no room for a start there.
     #[inline(never)]
     pub(crate) fn tell_again(&mut self, now: Micros) {

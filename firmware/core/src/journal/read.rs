@@ -1,5 +1,7 @@
 //! Reading the record back, one entry at a time, and proving it.
 
+use core::ops::Range;
+
 use super::Journal;
 use super::error::{JournalError, JournalFault};
 use super::flash::Flash;
@@ -128,6 +130,43 @@ impl<F: Flash> Journal<F> {
         Ok(bytes)
     }
 
+    /// The first of these entries that can be read: what is damaged is passed over. With `chained`, the first one before which
+    /// the chain is known.
+    ///
+    /// # Errors
+    /// [`JournalError::Flash`].
+    pub fn next_readable(
+        &mut self,
+        entries: Range<u64>,
+        chained: bool,
+    ) -> Result<Option<u64>, JournalError<F::Error>> {
+        let first = entries.start.max(self.extent.first_seq);
+        let end = entries.end.min(self.extent.next_seq);
+        if first >= end {
+            return Ok(None);
+        }
+        let mut cursor = self.cursor_near(first)?;
+        // Each turn moves on.
+        while cursor.seq < end {
+            let before = cursor;
+            match cursor
+                .step(&mut self.flash, &self.extent)
+                .map_err(JournalError::Flash)?
+            {
+                Step::Entry {
+                    found,
+                    chained: is_chained,
+                } if (first..end).contains(&found.fields.seq) && (is_chained || !chained) => {
+                    self.cursor = Some(before);
+                    return Ok(Some(found.fields.seq));
+                }
+                Step::Entry { .. } | Step::Fault(_) => {}
+                Step::End => break,
+            }
+        }
+        Ok(None)
+    }
+
     /// The chain value before entry `seq`, which a reader of the entries from
     /// there on needs to verify them.
     ///
@@ -219,14 +258,7 @@ impl<F: Flash> Journal<F> {
         if !(self.extent.first_seq..self.extent.next_seq).contains(&seq) {
             return Err(self.out_of_range(seq));
         }
-        let near = self.cursor.filter(|cursor| {
-            let in_sector = cursor.sector == self.extent.head || seq < cursor.end;
-            cursor.seq == seq || (cursor.seq < seq && in_sector)
-        });
-        let mut cursor = match near {
-            Some(cursor) => cursor,
-            None => self.sector_start(seq).map_err(JournalError::Flash)?,
-        };
+        let mut cursor = self.cursor_near(seq)?;
         while cursor.seq < seq {
             if let Step::End = cursor
                 .step(&mut self.flash, &self.extent)
@@ -239,6 +271,18 @@ impl<F: Flash> Journal<F> {
             return Err(JournalError::Record(JournalFault::Damaged { seq }));
         }
         Ok(cursor)
+    }
+
+    /// A cursor at entry `seq` or before it in its sector.
+    fn cursor_near(&mut self, seq: u64) -> Result<Cursor, JournalError<F::Error>> {
+        let near = self.cursor.filter(|cursor| {
+            let in_sector = cursor.sector == self.extent.head || seq < cursor.end;
+            cursor.seq == seq || (cursor.seq < seq && in_sector)
+        });
+        match near {
+            Some(cursor) => Ok(cursor),
+            None => self.sector_start(seq).map_err(JournalError::Flash),
+        }
     }
 
     /// A cursor at the start of the sector that should hold entry `seq`.

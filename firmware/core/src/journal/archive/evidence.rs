@@ -1,5 +1,7 @@
 //! The ring of evidence: entries of a journal, with their number and what they are chained to.
 
+use core::ops::Range;
+
 use umi_protocol::message::Record;
 
 use super::ROOM;
@@ -167,40 +169,49 @@ impl<F: Flash> Evidence<F> {
         first.map_or(next_seq, |(seq, _)| seq) > from
     }
 
-    /// The first piece at or behind entry `seq`: its number, and the entry that it is.
+    /// The first of these pieces that can be read: its number, and the entry that it is.
+    pub fn first_of(
+        &mut self,
+        numbers: Range<u64>,
+    ) -> Result<Option<(u64, u64)>, JournalError<F::Error>> {
+        match self.ring.next_readable(numbers, false)? {
+            Some(number) => Ok(Some((number, self.fields(number)?.0))),
+            None => Ok(None),
+        }
+    }
+
+    /// The first piece at or behind entry `seq` that can be read: its number, and the entry that it is. One that is damaged
+    /// hides no other.
     pub fn locate(&mut self, seq: u64) -> Result<Option<(u64, u64)>, JournalError<F::Error>> {
+        let numbers = self.ring.first_seq()..self.ring.next_seq();
+        if self.hint.1 == seq && numbers.contains(&self.hint.0) {
+            return Ok(Some(self.hint));
+        }
+        let behind = self.behind(seq)?;
+        let found = self.first_of(behind..numbers.end)?;
+        self.hint = found.unwrap_or(self.hint);
+        Ok(found)
+    }
+
+    /// The number behind the last piece before entry `seq` that can be read.
+    pub fn behind(&mut self, seq: u64) -> Result<u64, JournalError<F::Error>> {
         let (mut low, mut high) = (self.ring.first_seq(), self.ring.next_seq());
         let (number, entry) = self.hint;
         if (low..high).contains(&number) {
             // Readers go on from where they were.
-            if entry < seq {
-                low = number + 1;
-                if low < high {
-                    let next = self.fields(low)?.0;
-                    if next >= seq {
-                        self.hint = (low, next);
-                        return Ok(Some(self.hint));
-                    }
-                }
-            } else if entry == seq {
-                return Ok(Some(self.hint));
-            } else {
-                high = number;
+            match entry < seq {
+                true => low = number.saturating_add(1),
+                false => high = number,
             }
         }
-        let end = self.ring.next_seq();
+        let mut middle = low;
         while low < high {
-            let middle = low + (high - low) / 2;
-            if self.fields(middle)?.0 < seq {
-                low = middle + 1;
-            } else {
-                high = middle;
+            match self.first_of(middle..high)? {
+                Some((number, entry)) if entry < seq => low = number.saturating_add(1),
+                _ => high = middle,
             }
+            middle = low.midpoint(high);
         }
-        if low == end {
-            return Ok(None);
-        }
-        self.hint = (low, self.fields(low)?.0);
-        Ok(Some(self.hint))
+        Ok(low)
     }
 }

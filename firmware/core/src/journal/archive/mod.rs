@@ -214,10 +214,10 @@ impl<F: Flash> Archive<F> {
         self.journal.max_payload().min(most)
     }
 
-    /// The oldest entry at or behind `seq` that is there, in the journal or as evidence.
+    /// The oldest entry at or behind `seq` that is there, in the journal or as evidence that can be read.
     ///
     /// # Errors
-    /// [`JournalError::Flash`], [`JournalError::Record`].
+    /// [`JournalError::Flash`].
     pub fn next_there(&mut self, seq: u64) -> Result<u64, JournalError<F::Error>> {
         let oldest = self.journal.first_seq();
         if seq < oldest
@@ -291,20 +291,25 @@ impl<F: Flash> Archive<F> {
     /// What a head says of the evidence; none: none is kept apart.
     ///
     /// # Errors
-    /// [`JournalError::Flash`], [`JournalError::Record`].
+    /// [`JournalError::Flash`].
     pub fn mark(&mut self) -> Result<Option<EvidenceMark>, JournalError<F::Error>> {
         let next_seq = self.journal.next_seq();
-        let Some(Evidence { ring, .. }) = self.evidence.get_mut() else {
+        let Some(evidence) = self.evidence.get_mut() else {
             return Ok(None);
         };
-        let (first, next) = (ring.first_seq(), ring.next_seq());
+        let ring = &mut evidence.ring;
+        let (oldest, next) = (ring.first_seq(), ring.next_seq());
+        // Behind a damaged header the chain is known again from the next one on.
+        let is_known = ring.chain_before(oldest).is_ok();
+        let first = match is_known {
+            true => oldest,
+            false => ring.next_readable(oldest..next, true)?.unwrap_or(next),
+        };
         let first_chain = ring.chain_before(first)?.0;
         let chain = ring.chain_head().0;
-        let evidence = self.evidence.get_mut();
-        let first_seq = match evidence.filter(|_| first < next) {
-            Some(evidence) => evidence.fields(first)?.0,
-            None => next_seq,
-        };
+        // Of a damaged piece the entry is not known: from the one behind it on. A reader finds that it is missing.
+        let found = evidence.first_of(first..next)?;
+        let first_seq = found.map_or(next_seq, |(_, seq)| seq);
         Ok(Some(EvidenceMark {
             first,
             first_seq,
@@ -314,21 +319,16 @@ impl<F: Flash> Archive<F> {
         }))
     }
 
-    /// How many of these entries are on the board no more: neither in the journal nor as evidence. Where
-    /// damage hides how many are evidence, all that the journal has no more: never too few.
+    /// How many of these entries are on the board no more: neither in the journal nor as evidence. Pieces that are damaged
+    /// between others that can be read count as there; where the flash says nothing, all that the journal has no more.
     pub fn lost_of(&mut self, entries: Range<u64>) -> u64 {
         let end = entries.end.min(self.journal.first_seq());
         let gone = end.saturating_sub(entries.start);
         let Some(evidence) = self.evidence.get_mut().filter(|_| gone > 0) else {
             return gone;
         };
-        let last = evidence.ring.next_seq();
-        let mut number = |seq| {
-            let found = evidence.locate(seq);
-            found.map(|found| found.map_or(last, |(number, _)| number))
-        };
-        match (number(entries.start), number(end)) {
-            (Ok(a), Ok(b)) => gone - b.saturating_sub(a).min(gone),
+        match (evidence.locate(entries.start), evidence.behind(end)) {
+            (Ok(Some((first, _))), Ok(behind)) => gone - behind.saturating_sub(first).min(gone),
             _ => gone,
         }
     }

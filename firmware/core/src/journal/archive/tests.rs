@@ -187,6 +187,57 @@ fn a_damaged_ring_is_made_anew_from_a_whole_journal() {
     }
 }
 
+/// One bit of the ring has changed while the board runs, and noise has lapped the journal: every other piece is found, from
+/// whichever entry on a reader asks, and what a head says of the ring shows that one is missing.
+#[test]
+fn a_damaged_piece_hides_no_other() {
+    let mut archive = new();
+    for n in 0..150 {
+        put(&mut archive, VERDICT, &[n; 60]).unwrap();
+        put(&mut archive, NOISE, &[n; 20]).unwrap();
+    }
+    while archive.first_seq() < 300 {
+        put(&mut archive, NOISE, &[7; 900]).unwrap();
+    }
+    let whole = all(&mut archive);
+    let ring = |archive: &mut Mock| archive.evidence.get_mut().unwrap().ring.extent;
+    let extent = ring(&mut archive);
+    let oldest = (extent.oldest * EVIDENCE.sector_size) as usize;
+    let mut random = Random(5);
+    let mut missing = 0;
+    for n in 0..300 {
+        let mut archive = archive.clone();
+        let flash = &mut archive.evidence.get_mut().unwrap().ring.flash;
+        let at = match n {
+            // Headers, and the oldest piece.
+            0..200 => oldest + n,
+            _ => oldest + usize::try_from(random.below(u64::from(extent.tail) - 1)).unwrap(),
+        };
+        flash.data[at] ^= 1 << random.below(8);
+        let found = all(&mut archive);
+        let lacks = whole.iter().filter(|of| !found.contains(of)).count();
+        assert!(
+            lacks <= 1 && found.len() + lacks == whole.len(),
+            "byte {at}"
+        );
+        missing += lacks;
+        for _ in 0..20 {
+            let seq = random.below(archive.first_seq());
+            let next = found.iter().find(|of| of.0 >= seq).unwrap().0;
+            assert_eq!(
+                archive.next_there(seq).unwrap(),
+                next,
+                "byte {at}, from {seq}"
+            );
+        }
+        let mark = archive.mark().unwrap().unwrap();
+        let is_of = |of: &&(u64, u8, Vec<u8>)| of.0 >= mark.first_seq && of.1 == VERDICT;
+        let there = found.iter().filter(is_of).count() as u64;
+        assert_eq!(there + lacks as u64, mark.next - mark.first, "byte {at}");
+    }
+    assert!(missing > 200, "{missing}");
+}
+
 /// A ring of another history is refused also where the journal has an entry of that number: by what
 /// stands before it, and by what it is itself.
 #[test]

@@ -9,6 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use umi_client::board::link::Client;
 use umi_client::journal::verify::VerifiedFile;
 use umi_client::journal::{self, Begun, PullRequest, PullStep, Unsigned, key_id};
+use umi_client::problem::Problem;
 use umi_core::journal::{FILE_HEADER_SIZE, decode_file};
 use umi_protocol::head::HeadAnswer;
 
@@ -120,7 +121,20 @@ impl Pull<'_> {
         file.sync_all().map_err(failed)?;
         // What is in the file is what is told of it.
         let bytes = std::fs::read(&part).map_err(failed)?;
-        let verified = journal::verify::verify(&bytes, None, None)?;
+        let named =
+            || std::fs::rename(&part, path).map_err(|error| Failure::file("write", path, &error));
+        let verified = match journal::verify::verify(&bytes, None, None) {
+            // The board has not all that it has signed for: nobody will get more of it.
+            Err(problem) if problem.code == "head_signature" => {
+                named()?;
+                let message = format!(
+                    "{problem}; all that the board has is in {}: keep it",
+                    path.display()
+                );
+                return Err(Problem { message, ..problem }.into());
+            }
+            verified => verified?,
+        };
         if let (Some(proven), Some(key)) = (board.proven_board(), verified.key)
             && *proven != key
         {
@@ -133,7 +147,7 @@ impl Pull<'_> {
                 ),
             ));
         }
-        std::fs::rename(&part, path).map_err(|error| Failure::file("write", path, &error))?;
+        named()?;
         if pulled.unsigned == Some(Unsigned::Busy) {
             let text = "the board has not signed the end of the file: a clamping is under way, many ask it for heads, or it overwrites its entries faster than they can be read; pull it again later";
             print_error(&format!("{} {text}\n", paint(CAUTION, "note:")));
