@@ -26,7 +26,7 @@ const REACH: f64 = 0.04;
 const LEAST: usize = 15;
 const EVEN: f64 = 0.6;
 /// Sides stand off if they have this share of the points on the part.
-const SHARE: f64 = 0.1;
+const SHARE: f64 = 0.04;
 /// The part lies as well on them if it has this share of the points there.
 const AS_WELL: f64 = 0.85;
 /// A fit beside another one is better if most of that one's points lie on the part by it, and what is off has this share.
@@ -34,6 +34,8 @@ const MOST: f64 = 0.55;
 const BETTER: f64 = 0.9;
 /// Faces that a fit can have ended beside, one after the other.
 const TURNS: usize = 4;
+/// The standard deviation over the median of what is normally distributed, without its sign.
+const NORMAL: f64 = 1.4826;
 /// Sides are parallel if their normals have this cosine.
 const PARALLEL: f64 = 0.9998;
 
@@ -69,8 +71,8 @@ impl Judge<'_> {
             self.stands(scene, &better)?;
             decided.fit = better;
         }
-        let sigma = self.noise(scene, &decided.fit);
-        for (shift, other) in self.aside(scene, &decided.fit) {
+        let sigma = self.evenness(scene, &decided.fit);
+        for (shift, other) in self.aside(scene, &decided.fit, sigma) {
             if is_clearly_off(shift.norm() / sigma) {
                 let why = format!(
                     "a face of what was scanned stands {:.3} mm off the part, which lies as well on that face and off another one",
@@ -91,7 +93,7 @@ impl Judge<'_> {
 
     /// A fit from where some of a large side lie on the part, if more of the scan is as the model has it by that one.
     fn better_beside(&self, scene: &Scene, fit: &Fit) -> Option<Fit> {
-        let noise = scene.noise_mm;
+        let noise = self.evenness(scene, fit);
         let limit = fit::INLIER * noise;
         let reach = REACH * self.prepared.diagonal;
         let measure = |motion: &Pose| {
@@ -109,7 +111,7 @@ impl Judge<'_> {
             let near = measured.iter().filter(|m| m.distance_mm.abs() < limit);
             near.count() as f64
         };
-        let all = near(fit::INLIER * fit.sigma_mm.max(noise), &here);
+        let all = near(fit::INLIER * fit.sigma_mm.max(scene.noise_mm), &here);
         let mut best = (BETTER * off(&here), None);
         for (mut offs, normal) in self.by_side(&here, &fit.motion) {
             if (offs.len() as f64) < SHARE * all {
@@ -136,8 +138,8 @@ impl Judge<'_> {
     }
 
     /// Other places of the part, each a face that stands off: by how much and which way, and the pose.
-    fn aside(&self, scene: &Scene, fit: &Fit) -> Vec<(Vec3, Pose)> {
-        let (threads, sigma) = (self.task.threads, self.noise(scene, fit));
+    fn aside(&self, scene: &Scene, fit: &Fit, sigma: f64) -> Vec<(Vec3, Pose)> {
+        let threads = self.task.threads;
         let reach = REACH * self.prepared.diagonal;
         let measure =
             |motion: &Pose| measure_within(self.surface, &scene.fine, motion, &[], reach, threads);
@@ -172,6 +174,25 @@ impl Judge<'_> {
             as_well.then_some((shift, other.motion))
         });
         there.collect()
+    }
+
+    /// The noise by how even the sides are that the scan shows, wherever they lie: neither stray points nor a fit between two
+    /// faces add to it. That of the scan where it shows none.
+    fn evenness(&self, scene: &Scene, fit: &Fit) -> f64 {
+        let reach = REACH * self.prepared.diagonal;
+        let threads = self.task.threads;
+        let here = measure_within(self.surface, &scene.fine, &fit.motion, &[], reach, threads);
+        let sides = self.by_side(&here, &fit.motion).into_iter();
+        let mut uneven: Vec<f64> = Vec::new();
+        for (mut offs, _) in sides.filter(|(offs, _)| offs.len() >= LEAST) {
+            let middle = median(&mut offs);
+            uneven.extend(offs.iter().map(|off| (off - middle).abs()));
+        }
+        if uneven.is_empty() {
+            return scene.noise_mm;
+        }
+        let noise = NORMAL * median(&mut uneven);
+        noise.max(1e-7 * self.prepared.diagonal).min(scene.noise_mm)
     }
 
     /// The flat sides of the part that the scan shows, each at one distance.
