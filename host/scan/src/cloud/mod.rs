@@ -2,6 +2,7 @@
 
 mod cube;
 pub(crate) mod curve;
+pub(crate) mod oriented;
 pub mod tree;
 
 pub(crate) use cube::CubeHasher;

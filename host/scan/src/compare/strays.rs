@@ -2,7 +2,7 @@
 //! and nobody looks for it.
 
 use crate::rigid::Vec3;
-use crate::stock::median;
+use crate::solve::median;
 
 /// A cloud of fewer points shows no scatter to hold one against.
 const LEAST_POINTS: usize = 10;

@@ -6,8 +6,8 @@ use super::search::pairs::spread;
 use super::uncertainty::Groups;
 use crate::parallel::Threads;
 use crate::rigid::{Pose, Vec3, stepped};
+use crate::solve::median;
 use crate::solve::{Kernel, Measured, Offset, Settled, Task, measure_within, pseudo_solve};
-use crate::stock::median;
 use crate::surface::CompositeSurface;
 
 /// Tukey's limit in units of the noise: 95 % efficient where the noise is normal.

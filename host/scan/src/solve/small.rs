@@ -72,6 +72,15 @@ pub fn pseudo_solve<const N: usize>(
     x
 }
 
+/// The median; 0 of nothing. The order of `values` changes.
+pub(crate) fn median(values: &mut [f64]) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

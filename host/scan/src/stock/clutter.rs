@@ -7,11 +7,10 @@
 
 use std::collections::HashMap;
 
-use super::median;
 use crate::cloud::tree::PointTree;
 use crate::parallel::Threads;
 use crate::rigid::Vec3;
-use crate::solve::Measured;
+use crate::solve::{Measured, median};
 
 /// Points are apart if two cubes lie between them that are so many spacings wide, and this share of the part's size.
 const SPACINGS: f64 = 3.0;

@@ -10,6 +10,7 @@ mod patches;
 mod place;
 #[cfg(test)]
 mod scanned;
+mod shows;
 mod spikes;
 #[cfg(test)]
 mod tests;
@@ -18,11 +19,10 @@ mod windows;
 use crate::ScanError;
 use crate::parallel::Threads;
 use crate::rigid::{FARTHEST_MM, Pose, Vec3, is_in_reach};
-use crate::solve::{Kernel, Measured, Offset, Task, measure};
+use crate::solve::{Kernel, Measured, Offset, Task, measure, median};
 use crate::surface::{CompositeSurface, Mesh};
 
 pub use demand::{Demand, Rule};
-pub(crate) use spikes::median;
 
 /// What the best place is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use super::shows::{PointOver, showing};
 use super::windows::Sampled;
 use crate::parallel::Threads;
 use crate::rigid::{Pose, Vec3};
@@ -52,20 +53,26 @@ pub(super) fn bare(
                 let (a, b) = (t.corners[k], t.corners[(k + 1) % 3]);
                 !borders[m.face][k] || to_edge(&foot, &a, &b) > near
             });
-        is_over.then_some((m.face, foot))
+        is_over.then_some(PointOver {
+            at: motion.undo(q),
+            foot,
+            face: m.face,
+            normal: t.normal,
+        })
     };
-    let over: Vec<(usize, Vec3)> = points
+    let over: Vec<PointOver> = points
         .iter()
         .zip(measured)
         .filter_map(|(q, m)| foot_over(q, m))
         .collect();
+    let over = showing(&over, threads);
     let count = patch_of.iter().max().map_or(0, |last| last + 1);
     let (mut area, mut own) = (vec![0.0; count], vec![0_usize; count]);
     for (t, &patch) in triangles.iter().zip(&patch_of) {
         area[patch] += t.area_mm2;
     }
-    for (face, _) in &over {
-        own[patch_of[*face]] += 1;
+    for point in &over {
+        own[patch_of[point.face]] += 1;
     }
     let all = model.area_mm2();
     // Whether so many points are fewer than a patch of this share owes, by so many times what chance leaves.
@@ -84,7 +91,7 @@ pub(super) fn bare(
     let sampled = Sampled::new(triangles, SAME.to_radians().cos(), threads);
     let feet: Vec<(Vec3, Vec3)> = over
         .iter()
-        .map(|(face, foot)| (*foot, triangles[*face].normal))
+        .map(|point| (point.foot, point.normal))
         .collect();
     let counts = sampled.counts(&feet, threads);
     let is_window_bare = |own, share| lacks(own, share, SURELY_OF_MANY);

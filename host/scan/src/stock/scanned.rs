@@ -277,6 +277,41 @@ fn a_bore_that_no_point_shows_is_told_and_one_that_few_show_is_not() {
     }
 }
 
+/// The wall of a step of 4 mm that nobody has scanned: over the floor before it lies stock of 0.5 mm, which is nearer to the
+/// wall in the corner, and an eighth of what the wall owes.
+#[test]
+fn stock_on_a_floor_shows_no_wall() {
+    let outline = [
+        [0.0, 0.0],
+        [60.0, 0.0],
+        [60.0, 20.0],
+        [30.0, 20.0],
+        [30.0, 24.0],
+        [0.0, 24.0],
+    ];
+    let at = |k: usize, z: f64| Vec3::new(outline[k % 6][0], outline[k % 6][1], z);
+    let mut all = Vec::new();
+    for k in 0..6 {
+        let [a, b, c, d] = [at(k, 0.0), at(k + 1, 0.0), at(k + 1, 30.0), at(k, 30.0)];
+        all.extend([[a, b, c], [a, c, d]]);
+    }
+    for [i, j, k] in [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]] {
+        all.push([at(i, 30.0), at(j, 30.0), at(k, 30.0)]);
+        all.push([at(i, 0.0), at(k, 0.0), at(j, 0.0)]);
+    }
+    let mesh = Mesh::new(&all).unwrap();
+    let random = &mut Random(13);
+    let is_wall = |p: &Vec3, n: &Vec3| n.x > 0.9 && p.x < 40.0;
+    let wall = 4.0 * 30.0 / mesh.area_mm2();
+    for count in [8000, 40_000] {
+        let mut scanned = places(&mesh, count, &Density::Even, random);
+        assert!(told(&mesh, &scanned, random) < 1e-9);
+        scanned.retain(|(p, n)| !is_wall(p, n));
+        let share = told(&mesh, &scanned, random);
+        assert!((share - wall).abs() < 0.002, "{count}: {share}, {wall}");
+    }
+}
+
 #[test]
 fn a_hole_in_a_face_is_told_and_a_sparse_side_is_not() {
     assert_eq!(wrongly(30), 0);

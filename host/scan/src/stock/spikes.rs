@@ -3,7 +3,7 @@
 use crate::cloud::tree::PointTree;
 use crate::parallel::Threads;
 use crate::rigid::Vec3;
-use crate::solve::Measured;
+use crate::solve::{Measured, median};
 
 /// Neighbours that are asked.
 const ASKED: usize = 16;
@@ -56,15 +56,6 @@ pub(super) fn part(
         .map(|i| points[i])
         .collect();
     (spikes, kept)
-}
-
-/// The median; 0 of nothing. The order of `values` changes.
-pub(crate) fn median(values: &mut [f64]) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 #[cfg(test)]

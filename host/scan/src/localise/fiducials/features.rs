@@ -124,13 +124,19 @@ impl<'a> Sought<'a> {
             let is_other = |own: &Own| !self.is_this_size(k, own);
             let found = self.settled(k, self.held(k).into_iter().filter(is_other));
             let sought = shapes().filter(|other| other.is_like(shape)).count();
-            let off = |f: &Feature| Some(self.size_off(k, &f.own)?.off);
-            let offs: Vec<f64> = found.iter().take(sought).filter_map(off).collect();
+            // How far it is off was found at the stated radius: that is where to look for it.
+            let seen = |f: &Feature| {
+                let about = radius_mm + self.size_off(k, &f.own)?.off;
+                let centre = &f.motion.translation_mm;
+                let sphere = balls::radius::other_radius(&self.fine, centre, about, self.noise_mm)?;
+                Some(sphere.radius_mm)
+            };
+            let radii: Vec<f64> = found.iter().take(sought).filter_map(seen).collect();
             let near = |a: f64| move |b: &&f64| (a - **b).abs() < ALIKE * radius_mm;
-            let alike = |a: f64| offs.iter().filter(near(a)).count();
-            let most = offs.iter().copied().max_by_key(|&off| alike(off))?;
+            let alike = |a: f64| radii.iter().filter(near(a)).count();
+            let most = radii.iter().copied().max_by_key(|&radius| alike(radius))?;
             Some(OtherBalls {
-                radius_mm: radius_mm + most,
+                radius_mm: most,
                 stated_mm: *radius_mm,
                 count: alike(most),
             })

@@ -127,7 +127,7 @@ fn coverage(runs: u64, kind: Kind, seed: u64) -> (f64, f64) {
         }
     }
     let wide = (0..8)
-        .map(|k| crate::stock::median(&mut stated[k]) / right[k].sqrt())
+        .map(|k| crate::solve::median(&mut stated[k]) / right[k].sqrt())
         .fold(0.0, f64::max);
     (inside as f64 / runs as f64, wide)
 }

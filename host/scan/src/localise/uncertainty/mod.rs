@@ -10,8 +10,8 @@ use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector6};
 
 use crate::localise::uncertainty::shared::shared;
 use crate::rigid::{Pose, Vec3};
+use crate::solve::median;
 use crate::solve::{Measured, eigen};
-use crate::stock::median;
 
 /// What the data say about a pose.
 #[derive(Clone, Debug)]

@@ -14,7 +14,7 @@ use crate::localise::search::scene::{Scene, cell_mm};
 use crate::localise::verdict::rivals::{is_within, off, on};
 use crate::localise::verdict::{Judge, count};
 use crate::rigid::Vec3;
-use crate::stock::median;
+use crate::solve::median;
 
 /// What a fit accounts for, in shares.
 #[derive(Clone, Copy, Debug)]

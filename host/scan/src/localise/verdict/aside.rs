@@ -17,8 +17,8 @@ use crate::localise::fit::{self, Fit};
 use crate::localise::search::scene::Scene;
 use crate::localise::verdict::rivals::{is_clearly_off, on};
 use crate::rigid::{Pose, Vec3};
+use crate::solve::median;
 use crate::solve::{Measured, measure_within};
-use crate::stock::median;
 
 /// What lies farther off than this, over the part's diagonal, is another body's.
 const REACH: f64 = 0.04;
@@ -34,6 +34,10 @@ const MOST: f64 = 0.55;
 const BETTER: f64 = 0.9;
 /// Faces that a fit can have ended beside, one after the other.
 const TURNS: usize = 4;
+/// The least that is taken for noise, over what is measured of it.
+const FLOOR: f64 = 0.3;
+/// Stray points have made the noise larger where it is so many times that of the sides.
+const STRAY: f64 = 2.0;
 /// The standard deviation over the median of what is normally distributed, without its sign.
 const NORMAL: f64 = 1.4826;
 /// Sides are parallel if their normals have this cosine.
@@ -63,6 +67,9 @@ impl Judge<'_> {
         scene: &Scene,
         mut decided: Decided,
     ) -> Result<Decided, ScanError> {
+        if let Some(finer) = self.finer(scene, &decided.fit) {
+            decided.fit = finer;
+        }
         for _ in 0..TURNS {
             let Some(better) = self.better_beside(scene, &decided.fit) else {
                 break;
@@ -71,7 +78,10 @@ impl Judge<'_> {
             self.stands(scene, &better)?;
             decided.fit = better;
         }
-        let sigma = self.evenness(scene, &decided.fit);
+        let sigma = match self.evenness(scene, &decided.fit) {
+            Some(even) => even,
+            None => self.noise(scene, &decided.fit),
+        };
         for (shift, other) in self.aside(scene, &decided.fit, sigma) {
             if is_clearly_off(shift.norm() / sigma) {
                 let why = format!(
@@ -93,7 +103,11 @@ impl Judge<'_> {
 
     /// A fit from where some of a large side lie on the part, if more of the scan is as the model has it by that one.
     fn better_beside(&self, scene: &Scene, fit: &Fit) -> Option<Fit> {
-        let noise = self.evenness(scene, fit);
+        let even = self.evenness(scene, fit);
+        let (noise, floor) = match even {
+            Some(even) => (even, FLOOR * even),
+            None => (scene.noise_mm, self.floor(scene)),
+        };
         let limit = fit::INLIER * noise;
         let reach = REACH * self.prepared.diagonal;
         let measure = |motion: &Pose| {
@@ -124,7 +138,8 @@ impl Judge<'_> {
                     continue;
                 }
                 let moved = Pose::shift_mm(normal * by).after(&fit.motion);
-                let Some(other) = self.refine_within(scene, &moved, fit::CLOSE * noise) else {
+                let close = fit::CLOSE * noise;
+                let Some(other) = self.refine_to(scene, &moved, close, floor) else {
                     continue;
                 };
                 let there = measure(&other.motion);
@@ -169,16 +184,30 @@ impl Judge<'_> {
             if (points as f64) < SHARE * all {
                 return None;
             }
-            let other = self.refine_within(scene, &moved, fit::CLOSE * sigma)?;
+            let other = self.refine_to(scene, &moved, fit::CLOSE * sigma, FLOOR * sigma)?;
             let as_well = count_on(&measure(&other.motion)) > AS_WELL * all;
             as_well.then_some((shift, other.motion))
         });
         there.collect()
     }
 
-    /// The noise by how even the sides are that the scan shows, wherever they lie: neither stray points nor a fit between two
-    /// faces add to it. That of the scan where it shows none.
-    fn evenness(&self, scene: &Scene, fit: &Fit) -> f64 {
+    /// The fit to the noise of the sides, where stray points have kept it from that, if about as much of the scan lies on the part.
+    fn finer(&self, scene: &Scene, fit: &Fit) -> Option<Fit> {
+        let even = self.evenness(scene, fit)?;
+        let close = fit::CLOSE * fit.sigma_mm;
+        let finer = self.refine_to(scene, &fit.motion, close, FLOOR * even)?;
+        let near = |fit: &Fit| {
+            let (limit, threads) = (fit::INLIER * fit.sigma_mm, self.task.threads);
+            let all = measure_within(self.surface, &scene.fine, &fit.motion, &[], limit, threads);
+            let near = all.iter().filter(|m| m.distance_mm.abs() < limit);
+            near.count() as f64
+        };
+        (near(&finer) > MOST * near(fit)).then_some(finer)
+    }
+
+    /// The noise by how even the sides are that the scan shows, wherever they lie, where that of neighbourhoods is much more: stray
+    /// points make it many times as large, and with it the least that is taken for noise.
+    fn evenness(&self, scene: &Scene, fit: &Fit) -> Option<f64> {
         let reach = REACH * self.prepared.diagonal;
         let threads = self.task.threads;
         let here = measure_within(self.surface, &scene.fine, &fit.motion, &[], reach, threads);
@@ -188,11 +217,9 @@ impl Judge<'_> {
             let middle = median(&mut offs);
             uneven.extend(offs.iter().map(|off| (off - middle).abs()));
         }
-        if uneven.is_empty() {
-            return scene.noise_mm;
-        }
         let noise = NORMAL * median(&mut uneven);
-        noise.max(1e-7 * self.prepared.diagonal).min(scene.noise_mm)
+        let is_less = !uneven.is_empty() && STRAY * noise < scene.noise_mm;
+        is_less.then(|| noise.max(1e-7 * self.prepared.diagonal))
     }
 
     /// The flat sides of the part that the scan shows, each at one distance.

@@ -540,11 +540,16 @@ impl<'a> Judge<'a> {
 
     /// From a pose that is right to about `reach` mm.
     fn refine_within(&self, scene: &Scene, motion: &Pose, reach: f64) -> Option<Fit> {
+        self.refine_to(scene, motion, reach, self.floor(scene))
+    }
+
+    /// The same; no noise is taken for less than `floor`, in mm.
+    fn refine_to(&self, scene: &Scene, motion: &Pose, reach: f64, floor: f64) -> Option<Fit> {
         let diagonal = self.prepared.diagonal;
         // Enough to tell poses apart; what is printed uses all points. A cell of the field is as rough as that.
         let share = 3.0 * reach / diagonal + ROUGH;
         let few = self.around(&scene.fine, motion, COMPARED, share);
-        let (floor, threads) = (self.floor(scene), self.task.threads);
+        let threads = self.task.threads;
         fit::settle(self.surface, &few, motion, reach, floor, 8, threads)
     }
 
