@@ -30,7 +30,7 @@ use umi_protocol::message::Request;
 
 /// One input.
 pub fn one(data: &[u8]) {
-    let mut scene = Scene::new();
+    let mut scene = Scene::new(data);
     let mut rest = data;
     for _ in 0..STEPS {
         let Some((step, behind)) = rest.split_first() else {
@@ -63,6 +63,12 @@ fn key(of: u8, role: Role) -> KeyInfo {
         role,
         name: KeyName::new(),
     }
+}
+
+/// Where the source begins for an input: with the same keys for all of them, a frame that the owner has sealed in one would be a
+/// forged one in another.
+fn seed(data: &[u8]) -> u64 {
+    u64::from(Crc::<u32>::new(&CRC_32_ISO_HDLC).checksum(data)) << 16
 }
 
 /// A source that never gives the same twice; for an input always the same.
@@ -120,9 +126,9 @@ struct Scene {
 }
 
 impl Scene {
-    fn new() -> Self {
-        DRAWN.store(0, Ordering::Relaxed);
+    fn new(data: &[u8]) -> Self {
         let memory = Memory::of(claimed(), 4096);
+        DRAWN.store(seed(data), Ordering::Relaxed);
         Self {
             gate: open(&memory, || false),
             memory,
