@@ -177,7 +177,7 @@ impl<F: Flash> Instrument<F> {
         times.into_iter().flatten().min()
     }
 
-    /// Before whatever comes: a start that found no room in the journal is told now that there is some.
+    /// Before whatever comes: a start, or what is in force, that found no room in the journal is told now that there is some.
     pub fn tell_what_waits(&mut self, now: Micros) {
         if core::mem::take(&mut self.ledger.tells_again) {
             self.tell_again(now);
@@ -251,7 +251,7 @@ impl<F: Flash> Instrument<F> {
             .map_err(|_| SetJobError::Storage)?;
         ledger.tell_repeats(now);
         ledger.forget();
-        // What found no room in the journal is told with this job then.
+        // What found no room in the journal before is told again with this job, when there is room.
         ledger.unaudited = false;
         ledger.patience_us = patience_us(job);
         brain.begin(job).map_err(SetJobError::Job)?;
