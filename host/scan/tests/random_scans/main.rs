@@ -185,6 +185,14 @@ fn a_pose_on_few_of_the_points_is_left_for_the_one_that_explains_more() {
     assert_eq!(tally.said.get("right"), Some(&1), "{:?}", tally.said);
 }
 
+/// One slot of four, askew by 16 degrees, tells the flange from its own mirror image: less than 1 % of the points.
+#[test]
+fn a_mirrored_part_is_told_by_one_slot() {
+    let tally = campaign(&parts(), 1270..1271);
+    tally.end("scan 1270");
+    assert_eq!(tally.said.get("mirrored"), Some(&1), "{:?}", tally.said);
+}
+
 #[test]
 fn a_part_that_was_not_scanned_is_refused() {
     foreign(&parts(), 0..8, 1).end("8 scans, another part sought");

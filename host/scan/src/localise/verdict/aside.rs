@@ -67,15 +67,13 @@ impl Judge<'_> {
         scene: &Scene,
         mut decided: Decided,
     ) -> Result<Decided, ScanError> {
-        if let Some(finer) = self.finer(scene, &decided.fit) {
-            decided.fit = finer;
-        }
+        let begun = decided.fit.motion;
+        let finer = self.finer(scene, &decided.fit);
+        decided.fit = finer.unwrap_or(decided.fit);
         for _ in 0..TURNS {
             let Some(better) = self.better_beside(scene, &decided.fit) else {
                 break;
             };
-            // It has passed nothing of what the fit before it had to.
-            self.stands(scene, &better)?;
             decided.fit = better;
         }
         let sigma = match self.evenness(scene, &decided.fit) {
@@ -97,6 +95,10 @@ impl Judge<'_> {
             {
                 decided.doubts.push(shift);
             }
+        }
+        // Another fit has passed nothing of what the one before it had to.
+        if decided.fit.motion != begun && decided.aside.is_none() {
+            self.stands(scene, &decided.fit)?;
         }
         Ok(decided)
     }

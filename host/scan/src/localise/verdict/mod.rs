@@ -25,7 +25,7 @@ use crate::localise::uncertainty::{on_faces, white};
 use crate::localise::verdict::flat::{only_normal, sliding};
 use crate::localise::verdict::rivals::rims::{Rim, passed, rims};
 use crate::localise::verdict::rivals::{
-    advantage, explained, is_clearly_off, is_within, off, on, sort,
+    Standing, advantage, clear_advantage, explained, is_clearly_off, is_within, off, on, sort,
 };
 use crate::localise::verdict::symmetry::SymmetryAxis;
 use crate::parallel::Threads;
@@ -101,6 +101,10 @@ pub(super) const SHARE: f64 = 0.03;
 const SIZED: f64 = 0.02;
 /// A scan that lies on the part to this share is of the part, in whichever of its poses.
 const MOSTLY: f64 = 0.3;
+/// A mirror image fits better by this share of the points that lie on it; or by fewer that are clearly off the part, but
+/// never by less than so many ([`clear_advantage`]).
+const UNLIKE: f64 = 0.01;
+const FEW_UNLIKE: usize = 24;
 /// Units that a file can be in by mistake: how many mm, name.
 pub(super) const UNITS: [(f64, &str); 5] = [
     (25.4, "inches"),
@@ -661,20 +665,17 @@ impl<'a> Judge<'a> {
     /// Refuses if the mirror image fits better, and the part does not fit where that one would be its own mirror image: a
     /// plate hardly differs from its own, and the search can find the one and miss the other. Then the missed fit.
     fn mirrored(&self, scene: &Scene, best: Option<&Fit>) -> Result<Option<Fit>, ScanError> {
-        let seen = best.map(|fit| {
-            let sigma = fit.sigma_mm.max(scene.noise_mm);
-            explained(
-                self.part(),
-                &scene.fine,
-                &fit.motion,
-                sigma,
-                self.task.threads,
-            )
-        });
-        if seen
-            .as_ref()
-            .is_some_and(|seen| count(seen) as f64 > 0.985 * seen.len() as f64)
-        {
+        let standing = |scene: &Scene, fit: &Fit, sigma: f64| {
+            let (points, threads) = (&scene.fine, self.task.threads);
+            off(self.part(), points, &fit.motion, sigma, threads)
+        };
+        let is_as_seen = |fit: &Fit| {
+            let here = standing(scene, fit, fit.sigma_mm.max(scene.noise_mm)).off;
+            let off = here.iter().filter(|off| !on(**off)).count() as f64;
+            let clearly = here.iter().filter(|off| is_clearly_off(**off)).count();
+            clearly < FEW_UNLIKE && off < 1.5 * UNLIKE * here.len() as f64
+        };
+        if best.is_some_and(is_as_seen) {
             return Ok(None);
         }
         let mirrored = scene.mirrored();
@@ -690,44 +691,28 @@ impl<'a> Judge<'a> {
             .map_or(f64::INFINITY, |fit| fit.sigma_mm)
             .min(other.sigma_mm)
             .max(scene.noise_mm);
-        let there = explained(
-            self.part(),
-            &mirrored.fine,
-            &other.motion,
-            sigma,
-            self.task.threads,
-        );
-        let here = best.map(|fit| {
-            explained(
-                self.part(),
-                &scene.fine,
-                &fit.motion,
-                sigma,
-                self.task.threads,
-            )
-        });
-        let better = here.is_none_or(|here| {
-            let (more, chance) = advantage(&there, &here);
-            more > chance + 0.01 * count(&there) as f64
-        });
-        if better {
-            if let Some((missed, seen)) = self.unmirrored(scene, &other.motion, sigma) {
-                let (more, chance) = advantage(&there, &seen);
-                if more <= chance + 0.01 * count(&there) as f64 {
-                    return Ok(Some(missed));
-                }
-            }
-            return Err(ScanError::refused(
+        let there = standing(&mirrored, other, sigma);
+        let speaks = |here: &Standing| {
+            let [there_on, here_on] = [&there, here].map(Standing::on);
+            let (more, chance) = advantage(&there_on, &here_on);
+            let (clear, clear_chance) = clear_advantage(&there, here);
+            more > chance + UNLIKE * count(&there_on) as f64 || clear > clear_chance
+        };
+        if best.is_some_and(|fit| !speaks(&standing(scene, fit, sigma))) {
+            return Ok(None);
+        }
+        match self.unmirrored(scene, &other.motion, sigma) {
+            Some(missed) if !speaks(&standing(scene, &missed, sigma)) => Ok(Some(missed)),
+            _ => Err(ScanError::refused(
                 "mirrored",
                 "the mirror image of the part fits the scan, the part does not: a left hand for a right one, or an axis of the scanner with its sign lost",
-            ));
+            )),
         }
-        Ok(None)
     }
 
     /// The best fit where a pose of the mirror image puts the part's own mirror image in a plane of its box or of its
-    /// principal axes, or in its middle; and what of the fine points it explains.
-    fn unmirrored(&self, scene: &Scene, mirror: &Pose, sigma: f64) -> Option<(Fit, Vec<bool>)> {
+    /// principal axes, or in its middle.
+    fn unmirrored(&self, scene: &Scene, mirror: &Pose, sigma: f64) -> Option<Fit> {
         let threads = self.task.threads;
         let thinned = scene.at();
         let turn = nalgebra::Matrix3::from_diagonal(&Vec3::new(-1.0, 1.0, 1.0));
@@ -742,9 +727,10 @@ impl<'a> Judge<'a> {
             let rough = fit::settle(self.surface, &few, &motion, reach, floor, 3, threads)?;
             let fit = self.refine(scene, &rough.motion)?;
             let seen = explained(self.part(), &scene.fine, &fit.motion, sigma, threads);
-            Some((fit, seen))
+            Some((count(&seen), fit))
         });
-        fits.max_by_key(|(_, seen)| count(seen))
+        let best = fits.max_by_key(|(on, _)| *on);
+        best.map(|(_, fit)| fit)
     }
 }
 

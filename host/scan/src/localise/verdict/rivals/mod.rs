@@ -22,6 +22,13 @@ pub(in crate::localise) struct Standing {
     pub face: Vec<u32>,
 }
 
+impl Standing {
+    /// Which points lie on the part.
+    pub fn on(&self) -> Vec<bool> {
+        self.off.iter().map(|off| on(*off)).collect()
+    }
+}
+
 /// Where each point stands if `motion` puts the part, for a noise of `sigma_mm`.
 pub(in crate::localise) fn off(
     (surface, field): (&CompositeSurface, &HeightField),
@@ -89,6 +96,20 @@ pub(in crate::localise) fn advantage(first: &[bool], second: &[bool]) -> (f64, f
     let only = |a: &[bool], b: &[bool]| a.iter().zip(b).filter(|(a, b)| **a && !**b).count() as f64;
     let (mine, theirs) = (only(first, second), only(second, first));
     (mine - theirs, 5.0 * (mine + theirs).sqrt() + 8.0)
+}
+
+/// The same of points that lie on the part by the one and are none of it by the other. Stray points fall to either by the
+/// toss of a coin.
+pub(in crate::localise) fn clear_advantage(first: &Standing, second: &Standing) -> (f64, f64) {
+    let only = |a: &[f64], b: &[f64]| {
+        let only = a
+            .iter()
+            .zip(b)
+            .filter(|(a, b)| on(**a) && is_clearly_off(**b));
+        only.count() as f64
+    };
+    let (mine, theirs) = (only(&first.off, &second.off), only(&second.off, &first.off));
+    (mine - theirs, 4.0 * (mine + theirs).sqrt() + 4.0)
 }
 
 /// A point this many times the noise off is none of the part's, whatever the noise of either pose does.
