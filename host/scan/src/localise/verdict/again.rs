@@ -28,7 +28,7 @@ pub(in crate::localise) fn judged(
         Worth::Little(shown) if task.start.is_none() => return Err(too_little(shown)),
         _ => {}
     }
-    let missed = judge.mirrored(&scene, Some(fit))?;
+    let missed = judge.mirrored(&scene, std::slice::from_ref(fit))?;
     let others = others.iter().map(|motion| Fit {
         motion: *motion,
         ..fit.clone()

@@ -244,7 +244,7 @@ impl<'a> Judge<'a> {
             self.other_scale()?;
             self.flat(scene)?;
         }
-        if let Some(missed) = self.mirrored(scene, fits.first())? {
+        if let Some(missed) = self.mirrored(scene, &fits)? {
             fits.insert(0, missed);
             worth = first(&fits);
         }
@@ -329,7 +329,7 @@ impl<'a> Judge<'a> {
             Err(error) if error.code != "ambiguous" => return decided,
             _ => {}
         }
-        if let Some(missed) = self.mirrored(scene, Some(here))? {
+        if let Some(missed) = self.mirrored(scene, &fits)? {
             return Err(elsewhere(&missed));
         }
         self.stands(scene, here)?;
@@ -662,9 +662,10 @@ impl<'a> Judge<'a> {
         Ok(())
     }
 
-    /// Refuses if the mirror image fits better, and the part does not fit where that one would be its own mirror image: a
-    /// plate hardly differs from its own, and the search can find the one and miss the other. Then the missed fit.
-    fn mirrored(&self, scene: &Scene, best: Option<&Fit>) -> Result<Option<Fit>, ScanError> {
+    /// Refuses if the mirror image fits better than all of these, and the part does not fit where that one would be its own
+    /// mirror image: a plate hardly differs from its own, and the search can find the one and miss the other. Then the
+    /// missed fit.
+    fn mirrored(&self, scene: &Scene, fits: &[Fit]) -> Result<Option<Fit>, ScanError> {
         let standing = |scene: &Scene, fit: &Fit, sigma: f64| {
             let (points, threads) = (&scene.fine, self.task.threads);
             off(self.part(), points, &fit.motion, sigma, threads)
@@ -675,13 +676,14 @@ impl<'a> Judge<'a> {
             let clearly = here.iter().filter(|off| is_clearly_off(**off)).count();
             clearly < FEW_UNLIKE && off < 1.5 * UNLIKE * here.len() as f64
         };
-        if best.is_some_and(is_as_seen) {
+        if fits.iter().any(is_as_seen) {
             return Ok(None);
         }
+        let best = fits.first();
         let mirrored = scene.mirrored();
         let beaten = best.map(|fit| self.explained(scene, &scene.at(), fit));
-        let fits = self.fits(&mirrored, beaten.as_ref());
-        let Some(other) = fits
+        let others = self.fits(&mirrored, beaten.as_ref());
+        let Some(other) = others
             .first()
             .filter(|fit| matches!(self.worth(&mirrored, fit), Worth::Good))
         else {
@@ -698,7 +700,8 @@ impl<'a> Judge<'a> {
             let (clear, clear_chance) = clear_advantage(&there, here);
             more > chance + UNLIKE * count(&there_on) as f64 || clear > clear_chance
         };
-        if best.is_some_and(|fit| !speaks(&standing(scene, fit, sigma))) {
+        // Which of the fits is the part's, is not decided yet.
+        if fits.iter().any(|fit| !speaks(&standing(scene, fit, sigma))) {
             return Ok(None);
         }
         match self.unmirrored(scene, &other.motion, sigma) {
@@ -747,5 +750,5 @@ pub(super) fn mirrored_by_itself(
 ) -> Result<Option<Fit>, ScanError> {
     let judge = Judge::new(task, surface);
     let scene = Scene::new(task.model, task.points, task.threads);
-    judge.mirrored(&scene, None)
+    judge.mirrored(&scene, &[])
 }
