@@ -2,7 +2,7 @@
 
 pub mod background;
 pub mod bench;
-pub mod deny;
+pub mod dependencies;
 pub mod firmware;
 pub mod flash;
 pub mod fuzz;
@@ -10,4 +10,3 @@ pub mod release;
 pub mod set_up;
 pub mod size;
 pub mod test;
-pub mod unused;

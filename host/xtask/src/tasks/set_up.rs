@@ -3,13 +3,12 @@
 //! Nothing here fails for want of something optional: each need is either met, or
 //! reported with the command that a person would type.
 
-use anyhow::{Result, bail};
+use anyhow::{Result, anyhow, bail};
 
 use crate::console;
-use crate::tasks::deny;
 use crate::tasks::firmware::pin::Pin;
 use crate::tasks::firmware::toolchain::{self, TARGETS, Toolchain};
-use crate::tasks::fuzz;
+use crate::tasks::{dependencies as trust, fuzz};
 use crate::tools::{browser, emulators, readers, referee, spelling};
 use crate::workspace::{Workspace, execute, find_program, output};
 
@@ -18,7 +17,7 @@ use crate::workspace::{Workspace, execute, find_program, output};
 /// What is there already is left alone. The compiler that firmware/boards/rust-toolchain.toml
 /// pins comes from rustup; where it cannot bring it, Debian's compiler and its sources come from
 /// apt-get (as root only). QEMU, node and chromium come from apt-get too, and the emulated Pico's packages
-/// from npm. cargo-deny is compiled, typos and other readers of clouds come from Python's packages.
+/// from npm. cargo-deny and cargo-vet are compiled, typos and other readers of clouds come from Python's packages.
 /// LinuxCNC's interpreter is unpacked into the target directory from Debian's package.
 /// What cannot be installed is named, with the command to type, and is no failure.
 #[derive(clap::Args)]
@@ -34,7 +33,7 @@ pub(crate) enum Need {
     Firmware,
     /// QEMU, and node with what the emulated Pico is made of.
     Emulators,
-    /// cargo-deny.
+    /// cargo-deny and cargo-vet.
     Dependencies,
     /// typos.
     Spelling,
@@ -100,16 +99,35 @@ fn announced(plan: &[(String, u32)]) -> String {
 /// Meets `needs` as far as this machine allows; returns what is not met, and why.
 pub fn meet(workspace: &Workspace, needs: &[Need]) -> Vec<String> {
     let mut unmet = Vec::new();
-    for need in needs {
+    let mut say = |need: &Need, met: Result<String>| {
         let name = need.name();
-        match need.meet(workspace) {
+        match met {
             Ok(what) => console::progress(&format!("{name}: {what}")),
             Err(why) => {
                 console::skipped(&format!("{name}: {why:#}"));
                 unmet.push(format!("{name}: {why:#}"));
             }
         }
-    }
+    };
+    let (compiled, others): (Vec<Need>, Vec<Need>) =
+        needs.iter().partition(|need| **need == Need::Dependencies);
+    // What is compiled keeps the processors busy, what is unpacked the network and the disk: at once.
+    std::thread::scope(|scope| {
+        let compiled: Vec<_> = compiled
+            .into_iter()
+            .map(|need| (need, scope.spawn(move || need.meet(workspace))))
+            .collect();
+        for need in &others {
+            say(need, need.meet(workspace));
+        }
+        for (need, compiling) in compiled {
+            let met = compiling.join();
+            say(
+                &need,
+                met.unwrap_or_else(|_| Err(anyhow!("it came to no end"))),
+            );
+        }
+    });
     unmet
 }
 
@@ -144,9 +162,11 @@ impl Need {
                 }
                 (!what.is_empty()).then(|| (what.join(" "), seconds))
             }
-            Self::Dependencies => find_program(deny::PROGRAM)
-                .is_none()
-                .then(|| (deny::PROGRAM.to_owned(), 75)),
+            Self::Dependencies => {
+                let what = compiled_for_dependencies();
+                let names: Vec<&str> = what.iter().map(|[name, ..]| *name).collect();
+                (!what.is_empty()).then(|| (names.join(" and "), 75 * what.len() as u32))
+            }
             Self::Spelling => spelling::find(workspace)
                 .is_none()
                 .then(|| ("typos".to_owned(), 5)),
@@ -227,20 +247,28 @@ fn emulators(workspace: &Workspace) -> Result<String> {
     emulators::bring(workspace)
 }
 
+/// The programs that read lists of dependencies, with their releases, as far as they are to be compiled.
+fn compiled_for_dependencies() -> Vec<[&'static str; 2]> {
+    trust::PROGRAMS
+        .into_iter()
+        .filter(|[program, _]| find_program(program).is_none())
+        .collect()
+}
+
 fn dependencies(workspace: &Workspace) -> Result<String> {
-    if find_program(deny::PROGRAM).is_none() {
+    for [program, version] in compiled_for_dependencies() {
         // Not optimised: it is compiled in a third of the time, and runs for seconds.
         execute(
             workspace
                 .cargo()
                 .args(["install", "--quiet", "--locked", "--debug"])
-                .args(["--no-default-features", "--version", deny::VERSION])
-                .arg(deny::PROGRAM)
+                .args(["--no-default-features", "--version", version])
+                .arg(program)
                 .env("CARGO_PROFILE_DEV_DEBUG", "0"),
         )?;
     }
-    match deny::missing() {
-        None => Ok(deny::PROGRAM.to_owned()),
+    match trust::missing() {
+        None => Ok(trust::PROGRAMS.map(|[program, _]| program).join(" and ")),
         Some(why) => bail!("{why}"),
     }
 }

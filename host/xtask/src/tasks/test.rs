@@ -11,7 +11,7 @@ use crate::console::{self, Line, Outcome};
 use crate::tasks::background::Background;
 use crate::tasks::firmware::toolchain;
 use crate::tasks::set_up::{self, OF_TESTS};
-use crate::tasks::{bench, deny, release, unused};
+use crate::tasks::{bench, dependencies as trust, release};
 use crate::tools::{browser, emulators, readers, referee, spelling};
 use crate::workspace::{Workspace, execute, in_ci};
 
@@ -191,11 +191,11 @@ fn set_up(run: &Run<'_>) -> Result<Outcome> {
 }
 
 fn dependencies(run: &Run<'_>) -> Result<Outcome> {
-    unused::check(run.workspace)?;
-    match deny::missing() {
+    trust::check_use(run.workspace)?;
+    match trust::missing() {
         Some(why) if in_ci() => bail!("CI must check licences and advisories: {why}"),
         Some(why) => Ok(Outcome::Partly(why)),
-        None => deny::check(run.workspace).map(|()| Outcome::Passed),
+        None => trust::check_trust(run.workspace).map(|()| Outcome::Passed),
     }
 }
 

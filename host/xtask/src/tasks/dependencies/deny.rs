@@ -1,7 +1,7 @@
 //! Dependencies: licences, sources, bans and advisories, by cargo-deny.
 //!
 //! The rules stand in `deny.toml`. Advisories come from a snapshot of RustSec's database in
-//! `tests/advisories`: the answer is the same without a network, and one commit gives the same
+//! `tests/supply-chain`: the answer is the same without a network, and one commit gives the same
 //! answer every day. cargo-deny clones its database with git, so the snapshot becomes a
 //! repository in the target directory, and git is told that the database is there.
 
@@ -12,26 +12,10 @@ use anyhow::{Context as _, Result, ensure};
 
 use crate::tasks::{bench, firmware};
 use crate::tools::emulators;
-use crate::workspace::{Workspace, execute, find_program, output};
+use crate::workspace::{Workspace, execute, output};
 
-/// The program, as cargo finds it.
-pub const PROGRAM: &str = "cargo-deny";
-/// The release that set-up installs.
-pub const VERSION: &str = "0.20.2";
 /// Where cargo-deny would fetch its database.
 const DATABASE: &str = "https://github.com/RustSec/advisory-db";
-
-/// Why nothing can be checked here, with what to do.
-pub fn missing() -> Option<String> {
-    [
-        (PROGRAM, "cargo xtask set-up"),
-        ("git", "apt-get install git"),
-        ("tar", "install tar"),
-    ]
-    .into_iter()
-    .find(|(program, _)| find_program(program).is_none())
-    .map(|(program, remedy)| format!("no {program}: {remedy}"))
-}
 
 /// Holds the rules for every package of every lock file.
 pub fn check(workspace: &Workspace) -> Result<()> {
@@ -105,7 +89,7 @@ fn with_database(mut rules: toml::Table, folder: &Path) -> Result<String> {
 /// Makes a git repository of the snapshot.
 fn unpack(workspace: &Workspace, folder: &Path) -> Result<()> {
     fs::create_dir_all(folder)?;
-    let snapshot: PathBuf = workspace.root.join("tests/advisories/advisory-db.tar.gz");
+    let snapshot: PathBuf = workspace.root.join("tests/supply-chain/advisory-db.tar.gz");
     output(
         workspace
             .command("tar")
@@ -197,7 +181,7 @@ mod tests {
     /// The rules say which licences are allowed, and take a database's place.
     #[test]
     fn rules_of_the_project() {
-        let rules: toml::Table = include_str!("../../../../deny.toml").parse().unwrap();
+        let rules: toml::Table = include_str!("../../../../../deny.toml").parse().unwrap();
         let allowed = allowed(&rules).unwrap();
         assert!(allowed.iter().any(|it| it == "MIT"), "{allowed:?}");
         assert!(allowed.iter().all(|it| !it.contains("GPL")), "{allowed:?}");
