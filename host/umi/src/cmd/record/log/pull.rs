@@ -23,7 +23,8 @@ use crate::show::terminal::{CAUTION, paint, print_error};
 #[command(after_help = "\
 The board signs the end of the file over a number that nobody knew before, as soon as no
 clamping is under way. A pull that broke off goes on from what is in FILE.part. Entries that the
-board overwrites meanwhile are named in the file and in what is printed.
+board overwrites meanwhile are named in the file and in what is printed. A board whose memory is damaged
+has not all that it has signed for: the file is kept, as FILE.damaged where FILE is there already.
 
 Examples:
   umi log pull monday.umij --port /dev/ttyACM0
@@ -76,7 +77,7 @@ impl Pull<'_> {
             return Err(Failure::trouble("file", message));
         }
         // Under its own name only when it is complete.
-        let part = part_of(path);
+        let part = with_suffix(path, ".part");
         let failed = |error| Failure::file("write", &part, &error);
         // What an earlier pull has left is gone on with only if it is this board's as well.
         let key = self
@@ -121,15 +122,17 @@ impl Pull<'_> {
         file.sync_all().map_err(failed)?;
         // What is in the file is what is told of it.
         let bytes = std::fs::read(&part).map_err(failed)?;
-        let named =
-            || std::fs::rename(&part, path).map_err(|error| Failure::file("write", path, &error));
+        let named = |path: &Path| {
+            std::fs::rename(&part, path).map_err(|error| Failure::file("write", path, &error))
+        };
         let verified = match journal::verify::verify(&bytes, None, None) {
             // The board has not all that it has signed for: nobody will get more of it.
             Err(problem) if problem.code == "head_signature" => {
-                named()?;
+                let kept = place_of_damaged(path);
+                named(&kept)?;
                 let message = format!(
                     "{problem}; all that the board has is in {}: keep it",
-                    path.display()
+                    kept.display()
                 );
                 return Err(Problem { message, ..problem }.into());
             }
@@ -147,7 +150,7 @@ impl Pull<'_> {
                 ),
             ));
         }
-        named()?;
+        named(path)?;
         if pulled.unsigned == Some(Unsigned::Busy) {
             let text = "the board has not signed the end of the file: a clamping is under way, many ask it for heads, or it overwrites its entries faster than they can be read; pull it again later";
             print_error(&format!("{} {text}\n", paint(CAUTION, "note:")));
@@ -217,9 +220,18 @@ impl Pull<'_> {
     }
 }
 
-fn part_of(path: &Path) -> PathBuf {
+/// Where a file goes that is not all that the board has signed for: it takes the place of none that may be whole.
+fn place_of_damaged(path: &Path) -> PathBuf {
+    if path.exists() {
+        with_suffix(path, ".damaged")
+    } else {
+        path.to_owned()
+    }
+}
+
+fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
-    name.push(".part");
+    name.push(suffix);
     name.into()
 }
 
@@ -245,4 +257,23 @@ fn kept(failure: Failure, part: &Path) -> Failure {
 fn style() -> ProgressStyle {
     ProgressStyle::with_template("{bar:40} {pos}/{len} entries, {per_sec}, {eta} left")
         .unwrap_or_else(|_| ProgressStyle::default_bar())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::place_of_damaged;
+
+    /// An older file, which may be whole, stays where it is, also with `--force`.
+    #[test]
+    fn a_damaged_file_replaces_none() {
+        let here = std::env::current_exe().unwrap();
+        assert!(
+            place_of_damaged(&here)
+                .to_str()
+                .unwrap()
+                .ends_with(".damaged")
+        );
+        let free = here.with_file_name("no such file.umij");
+        assert_eq!(place_of_damaged(&free), free);
+    }
 }
