@@ -154,11 +154,11 @@ pub(super) fn by_face(
             let some = |x: f64| (!mine.is_empty()).then_some(x);
             FaceStock {
                 name: demand.name.clone(),
-                n: mine.len(),
                 min_mm: some(min),
                 mean_mm: some(sum / mine.len().max(1) as f64),
                 max_mm: some(max),
                 margin_mm: some(margin),
+                points: mine,
             }
         })
         .collect()

@@ -65,8 +65,8 @@ pub struct StockTask<'a> {
 pub struct FaceStock {
     /// Its name.
     pub name: String,
-    /// The points that belong to it.
-    pub n: usize,
+    /// The points that belong to it, by their number among those that were used.
+    pub points: Vec<usize>,
     /// The least stock in mm; none without points.
     pub min_mm: Option<f64>,
     /// The mean stock in mm.
@@ -461,7 +461,7 @@ impl StockTask<'_> {
                 ),
             ));
         }
-        for face in found.faces.iter().filter(|face| face.n == 0) {
+        for face in found.faces.iter().filter(|face| face.points.is_empty()) {
             reasons.push(ScanError::refused(
                 "unmeasured",
                 format_args!(

@@ -237,7 +237,7 @@ fn faces_have_demands_of_their_own() {
     // Moved down by m: the top has 0.5 + m − 0.8, the bottom 0.6 − |0.5 − m|, the sides 0.5.
     // The least is largest at m = 0.7, where top and bottom both have 0.4.
     assert!((found.margin_mm - 0.4).abs() < 1e-3, "{}", found.margin_mm);
-    assert_eq!(found.faces[0].n, 400);
+    assert_eq!(found.faces[0].points.len(), 400);
 }
 
 /// Points of one face that a small motion would bring over an edge, to a face that demands more.

@@ -16,7 +16,10 @@ const BEYOND: usize = 10;
 const BARS: usize = WITHIN + 2 * BEYOND;
 
 /// Counts of bars, and of what lies further off on either side.
-fn counts(points: &[DeviationPoint], bands: &Bands) -> ([u64; BARS], [u64; 2]) {
+fn counts<'a>(
+    points: impl Iterator<Item = &'a DeviationPoint>,
+    bands: &Bands,
+) -> ([u64; BARS], [u64; 2]) {
     let (mut bars, mut off) = ([0; BARS], [0; 2]);
     let width = 2.0 * bands.half_mm() / WITHIN as f64;
     for p in points {
@@ -32,8 +35,12 @@ fn counts(points: &[DeviationPoint], bands: &Bands) -> ([u64; BARS], [u64; 2]) {
     (bars, off)
 }
 
-/// The drawing; `limits`: the ends of the bands are limits that somebody has set.
-pub fn histogram(points: &[DeviationPoint], bands: &Bands, limits: bool) -> Element {
+/// The drawing; `ends`: what the ends of the bands are, where they are to be drawn.
+pub fn histogram<'a>(
+    points: impl Iterator<Item = &'a DeviationPoint>,
+    bands: &Bands,
+    ends: [Option<&str>; 2],
+) -> Element {
     let [left, top, right, bottom] = AREA;
     let (bars, off) = counts(points, bands);
     let most = bars.iter().copied().max().unwrap_or(0).max(1) as f64;
@@ -72,11 +79,8 @@ pub fn histogram(points: &[DeviationPoint], bands: &Bands, limits: bool) -> Elem
             .child(line("axis", [x, bottom], [x, bottom + 5.0]))
             .child(text("t mid", [x, bottom + 18.0], &said));
     }
-    for (edge, name) in [
-        (bands.low_mm, "lower limit"),
-        (bands.high_mm, "upper limit"),
-    ] {
-        if limits {
+    for (edge, name) in [bands.low_mm, bands.high_mm].into_iter().zip(ends) {
+        if let Some(name) = name {
             let x = across(edge);
             out = out.child(line("limit", [x, top], [x, bottom])).child(text(
                 "t mid",
@@ -114,10 +118,10 @@ mod tests {
                 outward: [0.0, 0.0, 1.0],
             })
             .collect();
-        let (bars, off) = counts(&points, &bands);
+        let (bars, off) = counts(points.iter(), &bands);
         assert!(bars.iter().all(|n| *n == 5), "{bars:?}");
         assert_eq!(off, [50, 50]);
-        let text = histogram(&points, &bands, true).to_string();
+        let text = histogram(points.iter(), &bands, super::super::LIMITS).to_string();
         assert!(text.contains("50 further off") && text.contains("upper limit"));
     }
 }

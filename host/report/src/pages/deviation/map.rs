@@ -2,10 +2,10 @@
 
 use crate::draw::markup::{Element, el};
 use crate::draw::scale::{PlanView, bar, nice_below};
-use crate::draw::svg::{picture, px, text};
+use crate::draw::svg::{circle, line, picture, px, text, text_width};
 
-use super::DeviationPoint;
 use super::bands::{BANDS, Bands, COLOURS, stroke_path, strokes};
+use super::{DeviationPoint, MarkedSpot};
 
 /// A side from which a part is looked at.
 pub struct PartSide {
@@ -90,7 +90,12 @@ fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
 
 /// The mean deviation of each cell: its uppermost points count, those within two cells of the highest. None where no
 /// point's surface looks to this side.
-pub fn map(side: &PartSide, points: &[DeviationPoint], bands: &Bands) -> Option<SideMap> {
+pub fn map(
+    side: &PartSide,
+    points: &[DeviationPoint],
+    bands: &Bands,
+    spots: &[MarkedSpot],
+) -> Option<SideMap> {
     let to_us = cross(side.right, side.up);
     let faces =
         |p: &&DeviationPoint| p.outward == [0.0; 3] || dot(p.outward.map(f64::from), to_us) > LEANS;
@@ -178,6 +183,10 @@ pub fn map(side: &PartSide, points: &[DeviationPoint], bands: &Bands) -> Option<
     for (of, d) in marks.iter().enumerate().filter(|(_, d)| !d.is_empty()) {
         out = out.child(stroke_path(of, d));
     }
+    for spot in spots.iter().filter(|spot| faces(&&spot.of)) {
+        let [x, y] = flat(&spot.of);
+        out = out.children(marked(plan.at(x, y), &spot.says));
+    }
     let length = nice_below(MAP[0] / 4.0 / plan.scale);
     let base = SIZE[1] - 14.0;
     out = out
@@ -189,6 +198,24 @@ pub fn map(side: &PartSide, points: &[DeviationPoint], bands: &Bands) -> Option<
         shown,
         cell_mm,
     })
+}
+
+/// A ring with a cross about a place, and words on that side of it where they have room, above it or below.
+fn marked([x, y]: [f64; 2], says: &str) -> Vec<Element> {
+    const RING: f64 = 8.0;
+    let wide = text_width("t b", says);
+    let left = (x - wide / 2.0).clamp(2.0, (MAP[0] - wide).max(2.0));
+    let base = if y > 3.0 * RING {
+        y - RING - 6.0
+    } else {
+        y + RING + 14.0
+    };
+    vec![
+        circle("spot", [x, y], RING),
+        line("spot", [x - 1.5 * RING, y], [x + 1.5 * RING, y]),
+        line("spot", [x, y - 1.5 * RING], [x, y + 1.5 * RING]),
+        text("t b halo", [left, base], says),
+    ]
 }
 
 #[cfg(test)]
@@ -217,7 +244,7 @@ mod tests {
             point([100.0, 0.0, 50.0], 0.0, up),
             point([50.0, 0.0, 0.0], -0.5, [0.0, 0.0, -1.0]),
         ];
-        let above = map(&SIDES[0], &points, &bands).unwrap();
+        let above = map(&SIDES[0], &points, &bands, &[]).unwrap();
         assert_eq!(above.shown, 2);
         let text = above.drawing.to_string();
         // The cell above the limits, the middle, and the legend; none below the limits but in the legend.
@@ -228,10 +255,33 @@ mod tests {
         );
         assert_eq!(text.matches(&format!("\"{}\"", COLOURS[4])).count(), 2);
         assert_eq!(text.matches(&format!("\"{}\"", COLOURS[0])).count(), 1);
-        let below = map(&SIDES[5], &points, &bands).unwrap();
+        let below = map(&SIDES[5], &points, &bands, &[]).unwrap();
         assert_eq!(below.shown, 1);
-        assert!(map(&SIDES[1], &points, &bands).is_none());
+        assert!(map(&SIDES[1], &points, &bands, &[]).is_none());
     }
+
+    /// A spot is marked where its surface is seen, with its words inside of the picture.
+    #[test]
+    fn a_spot_is_marked_on_its_side() {
+        let bands = Bands::default();
+        let up = [0.0, 0.0, 1.0];
+        let points = [
+            point([0.0, 0.0, 0.0], 0.5, up),
+            point([100.0, 0.0, 0.0], 0.0, up),
+            point([50.0, 0.0, -9.0], 0.0, [0.0, 0.0, -1.0]),
+        ];
+        let spots = points[..2].iter().map(|of| MarkedSpot {
+            of: *of,
+            says: "least 0.1612 mm at 41.545, -0.082, 10.851".into(),
+        });
+        let spots: Vec<MarkedSpot> = spots.collect();
+        let above = map(&SIDES[0], &points, &bands, &spots).unwrap();
+        let text = above.drawing.to_string();
+        assert_eq!(text.matches("least 0.1612 mm").count(), 2, "{text}");
+        let below = map(&SIDES[5], &points, &bands, &spots).unwrap();
+        assert!(!below.drawing.to_string().contains("least"));
+    }
+
     /// The ball of an axis' residual has no side: each map shows it.
     #[test]
     fn what_has_no_side_is_on_each() {
@@ -241,7 +291,7 @@ mod tests {
         };
         let balls = [point([0.0, 0.0, 50.0], 0.5, [0.0; 3])];
         for side in &SIDES {
-            assert_eq!(map(side, &balls, &bands).unwrap().shown, 1);
+            assert_eq!(map(side, &balls, &bands, &[]).unwrap().shown, 1);
         }
     }
 }

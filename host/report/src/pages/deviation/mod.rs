@@ -26,6 +26,27 @@ pub struct DeviationPoint {
     pub outward: [f32; 3],
 }
 
+/// A point that each map marks on whose side its surface is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MarkedSpot {
+    /// The point.
+    pub of: DeviationPoint,
+    /// What stands beside the mark.
+    pub says: String,
+}
+
+/// Some of the points, with a histogram of their own.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PointGroup {
+    /// What they are called.
+    pub name: String,
+    /// Their numbers.
+    pub points: Vec<usize>,
+}
+
+/// Ends of bands that are limits which somebody has set.
+pub const LIMITS: [Option<&str>; 2] = [Some("lower limit"), Some("upper limit")];
+
 /// What the page shows.
 #[derive(Clone, Debug, Default)]
 pub struct DeviationPage {
@@ -45,8 +66,12 @@ pub struct DeviationPage {
     pub points: Vec<DeviationPoint>,
     /// Where the colours change.
     pub bands: Bands,
-    /// The ends of the bands are limits that somebody has set.
-    pub limits: bool,
+    /// What the ends of the bands are, the lower first, where they are to be drawn.
+    pub ends: [Option<&'static str>; 2],
+    /// Points that have a histogram of their own beside that of all.
+    pub groups: Vec<PointGroup>,
+    /// Points that are marked on the maps.
+    pub spots: Vec<MarkedSpot>,
     /// Sections; without any the page has no place for them.
     pub sections: Vec<Section>,
 }
@@ -94,7 +119,7 @@ pub fn html(shown: &DeviationPage) -> String {
     let mut maps = el("div").class("row2");
     let mut unseen = Vec::new();
     for side in &map::SIDES {
-        match map::map(side, &shown.points, &shown.bands) {
+        match map::map(side, &shown.points, &shown.bands, &shown.spots) {
             Some(made) => {
                 let words = format!(
                     "{}: {}. A cell of {} shows the mean deviation of the points that face this side and lie in front: {} points.",
@@ -140,6 +165,14 @@ pub fn html(shown: &DeviationPage) -> String {
     if !shown.remarks.is_empty() {
         main = main.child(el("ul").class("remarks").children(remarks));
     }
+    let mut groups = el("div").class("row2");
+    for group in &shown.groups {
+        let of = || group.points.iter().filter_map(|k| shown.points.get(*k));
+        groups = groups.child(card(
+            histogram::histogram(of(), &shown.bands, shown.ends),
+            &format!("{}: {} points.", group.name, of().count()),
+        ));
+    }
     let tables = shown.tables.iter().chain([&by_band]).map(figure_table);
     main = main
         .child(facts(&shown.facts))
@@ -149,9 +182,10 @@ pub fn html(shown: &DeviationPage) -> String {
             el("section")
                 .child(el("h2").text("Figures"))
                 .child(card(
-                    histogram::histogram(&shown.points, &shown.bands, shown.limits),
+                    histogram::histogram(shown.points.iter(), &shown.bands, shown.ends),
                     "How many points have which deviation; positive is outside of the nominal.",
                 ))
+                .child(groups)
                 .child(el("div").class("tables").children(tables)),
         );
     if !shown.sections.is_empty() {
@@ -209,7 +243,7 @@ mod tests {
                 low_mm: -0.05,
                 high_mm: 0.05,
             },
-            limits: true,
+            ends: LIMITS,
             sections: vec![Section {
                 axis: 2,
                 at_mm: 15.0,

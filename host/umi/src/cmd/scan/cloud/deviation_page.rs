@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use umi_report::pages::deviation::{Bands, DeviationPage, DeviationPoint, Section};
+use umi_report::pages::deviation::{Bands, DeviationPage, DeviationPoint, LIMITS, Section};
 use umi_report::pages::scan::FigureTable;
 use umi_scan::compare::{Deviations, Nominal};
 use umi_scan::rigid::Vec3;
@@ -145,8 +145,9 @@ pub fn page(of: &Compared<'_>) -> DeviationPage {
             })
             .collect(),
         bands,
-        limits: of.limits.is_some(),
+        ends: of.limits.map_or([None; 2], |_| LIMITS),
         sections,
+        ..DeviationPage::default()
     }
 }
 

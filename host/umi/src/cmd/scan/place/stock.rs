@@ -255,7 +255,7 @@ impl Stock {
             .faces
             .iter()
             .map(|face| {
-                json!({"name": face.name, "n": face.n, "min_mm": face.min_mm, "mean_mm": face.mean_mm,
+                json!({"name": face.name, "n": face.points.len(), "min_mm": face.min_mm, "mean_mm": face.mean_mm,
                     "max_mm": face.max_mm, "margin_mm": face.margin_mm})
             })
             .collect();
@@ -300,7 +300,8 @@ impl StockAnswer {
                     let _ = writeln!(
                         text,
                         "  {}: least {min:.4}   mean {mean:.4}   margin {margin:+.4} mm   {} points",
-                        face.name, face.n
+                        face.name,
+                        face.points.len()
                     );
                 }
                 _ => {

@@ -3,7 +3,9 @@
 use crate::show::terminal::Plain;
 use std::path::Path;
 
-use umi_report::pages::deviation::{Bands, DeviationPage, DeviationPoint, Section, html};
+use umi_report::pages::deviation::{
+    Bands, DeviationPage, DeviationPoint, MarkedSpot, PointGroup, Section, html,
+};
 use umi_report::pages::scan::FigureTable;
 use umi_scan::ScanError;
 use umi_scan::compare::Nominal;
@@ -73,6 +75,29 @@ pub fn page(
                 .collect(),
         })
         .collect();
+    let (low_mm, high_mm, ends) = if found.max_mm > least_mm + 1e-3 {
+        (least_mm, found.max_mm, ["needed", "most"])
+    } else {
+        // All of it is too little: the colours tell how little.
+        let high_mm = least_mm.max(found.min_mm + 1e-3);
+        (found.min_mm, high_mm, ["least", "needed"])
+    };
+    let groups = found
+        .faces
+        .iter()
+        .filter(|face| !face.points.is_empty())
+        .map(|face| PointGroup {
+            name: face.name.clone(),
+            points: face.points.clone(),
+        })
+        .collect();
+    let least = points
+        .iter()
+        .min_by(|a, b| a.deviation_mm.total_cmp(&b.deviation_mm));
+    let spot = least.map(|least| MarkedSpot {
+        of: *least,
+        says: format!("least {:.4} mm at {}", found.min_mm, three(&p)),
+    });
     let number =
         |value: Option<f64>| value.map_or_else(String::new, |v| format!("{:.4}", Plain(v)));
     let faces = FigureTable {
@@ -91,7 +116,7 @@ pub fn page(
             .map(|f| {
                 vec![
                     f.name.clone(),
-                    f.n.to_string(),
+                    f.points.len().to_string(),
                     number(f.min_mm),
                     number(f.mean_mm),
                     number(f.max_mm),
@@ -137,11 +162,10 @@ pub fn page(
         },
         remarks: found.reasons.iter().map(|r| r.message.clone()).collect(),
         points,
-        bands: Bands {
-            low_mm: least_mm,
-            high_mm: found.max_mm.max(least_mm + 1e-3),
-        },
-        limits: true,
+        bands: Bands { low_mm, high_mm },
+        ends: ends.map(Some),
+        groups,
+        spots: spot.into_iter().collect(),
         sections,
     }))
 }
