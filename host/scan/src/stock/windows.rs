@@ -22,8 +22,9 @@ const GIVEN: usize = 100;
 const ASKED: usize = 64;
 /// Samples are beside each other within so many times the side of the square that each has.
 const BESIDE: f64 = 2.5;
-/// The facets of a round may turn so far from one to the next: six make a bore.
-const ROUND: f64 = 0.47;
+/// The facets of a round may turn so far from one to the next (cosines): six make a bore. Where a countersink meets its face
+/// it turns by 45 degrees or by 30, so it is asked with less, too.
+const ROUNDS: [f64; 3] = [0.47, 0.77, 0.91];
 /// Neighbours that a sample is asked for, and that a foot is: the other side of a thin wall is among them.
 const NEIGHBOURS: usize = 24;
 const OTHERS: usize = 4;
@@ -40,7 +41,8 @@ struct Sample {
 pub(super) struct Sampled {
     samples: Vec<Sample>,
     beside: Vec<Vec<u32>>,
-    around: Vec<Vec<u32>>,
+    /// By each of the turns of [`ROUNDS`].
+    around: [Vec<Vec<u32>>; ROUNDS.len()],
     tree: PointTree,
     /// The least cosine between the normals of one face.
     least: f64,
@@ -75,7 +77,7 @@ impl Sampled {
                 near(i).filter(|k| is_beside(i, *k, least)).collect()
             })
         };
-        let (beside, around) = (by(least), by(ROUND.min(least)));
+        let (beside, around) = (by(least), ROUNDS.map(|turn| by(turn.min(least))));
         Self {
             samples,
             beside,
@@ -125,21 +127,24 @@ impl Sampled {
             window.len() >= LEAST && is_bare(own, share)
         };
         let found = threads.each(asked, |k| {
-            let one_way = self.window(k * every, size, true);
+            let one_way = self.window(k * every, size, None);
             // What looks one way of a bore is little: the whole of it is asked as well.
-            let round = (one_way.len() < size).then(|| self.window(k * every, size, false));
-            [Some(one_way).filter(is_bare), round.filter(is_bare)]
+            let is_little = one_way.len() < size;
+            let rounds = self.around.iter().filter(|_| is_little);
+            let rounds = rounds.map(|around| self.window(k * every, size, Some(around)));
+            let all = rounds.chain([one_way]).filter(is_bare);
+            all.flatten().collect::<Vec<u32>>()
         });
         let mut bare = vec![false; self.samples.len()];
-        for i in found.into_iter().flatten().flatten().flatten() {
+        for i in found.into_iter().flatten() {
             bare[i as usize] = true;
         }
         bare
     }
 
-    /// The `size` samples nearest to one, of its own face and direction or, if so told, of the whole round of facets; all
-    /// that there are where they are fewer.
-    fn window(&self, centre: usize, size: usize, one_way: bool) -> Vec<u32> {
+    /// The `size` samples nearest to one, of its own face and direction or, if so told, of the whole round of facets that
+    /// are beside each other; all that there are where they are fewer.
+    fn window(&self, centre: usize, size: usize, round: Option<&Vec<Vec<u32>>>) -> Vec<u32> {
         let here = self.samples[centre];
         let mut known = vec![false; self.samples.len()];
         let mut front = BinaryHeap::from([Reverse((0_u64, centre as u32))]);
@@ -150,10 +155,9 @@ impl Sampled {
             if window.len() == size {
                 break;
             }
-            let beside = if one_way { &self.beside } else { &self.around };
-            for &next in &beside[at as usize] {
+            for &next in &round.unwrap_or(&self.beside)[at as usize] {
                 let other = self.samples[next as usize];
-                let is_asked = !one_way || other.normal.dot(&here.normal) >= self.least;
+                let is_asked = round.is_some() || other.normal.dot(&here.normal) >= self.least;
                 if !known[next as usize] && is_asked {
                     known[next as usize] = true;
                     // What is not negative is in the order of its bits.

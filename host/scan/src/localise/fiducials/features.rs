@@ -38,6 +38,10 @@ pub(super) struct OtherBalls {
 /// Radii that differ by a smaller share are one.
 const ALIKE: f64 = 0.01;
 
+/// Other radii are looked for in so many steps down and up, from half to twice the stated one.
+const STEP: f64 = 1.1;
+const TRIED: i32 = 7;
+
 /// Points to search with at most.
 const PLACES: usize = 40_000;
 /// Points to refine with at most.
@@ -113,25 +117,60 @@ impl<'a> Sought<'a> {
         all
     }
 
-    /// The radius of balls in the scan that have another one than the file says, in mm; that one, and how many they are: as many
-    /// as are sought at most, those with the most points.
+    /// The radius of balls in the scan that have another one than the file says, from half to twice of that; that one, and
+    /// how many they are: as many as are sought at most, those with the most points. None of a single one, or of less than
+    /// half of those that are sought: anything round may look like it.
     pub fn other_balls(&self) -> Option<OtherBalls> {
+        let by = |factor: f64| {
+            let mut fiducials = self.task.fiducials.to_vec();
+            for fiducial in &mut fiducials {
+                if let FiducialShape::Ball { radius_mm } = &mut fiducial.shape {
+                    *radius_mm *= factor;
+                }
+            }
+            let task = FiducialTask {
+                fiducials: &fiducials,
+                ..self.task.clone()
+            };
+            let balls = Sought::new(&task).balls_of_any_size()?;
+            Some(OtherBalls {
+                stated_mm: balls.stated_mm / factor,
+                ..balls
+            })
+        };
+        let tried = (-TRIED..=TRIED).map(|k| STEP.powi(k));
+        let best = tried.filter_map(by).max_by_key(|balls| balls.count)?;
+        let is_some = best.count > 1 && 2 * best.count >= self.balls_like(best.stated_mm);
+        is_some.then_some(best)
+    }
+
+    /// How many balls of this radius are sought.
+    fn balls_like(&self, stated_mm: f64) -> usize {
+        let shapes = self.task.fiducials.iter().map(|f| &f.shape);
+        let like = shapes.filter(|shape| {
+            matches!(shape, FiducialShape::Ball { radius_mm } if (radius_mm / stated_mm - 1.0).abs() < ALIKE)
+        });
+        like.count()
+    }
+
+    /// The radius that most of the balls in the scan have which are about as large as the file says, or a step more or less.
+    fn balls_of_any_size(&self) -> Option<OtherBalls> {
         let shapes = || self.task.fiducials.iter().map(|f| &f.shape);
-        let other = |(k, shape): (usize, &FiducialShape)| {
+        let of = |(k, shape): (usize, &FiducialShape)| {
             let FiducialShape::Ball { radius_mm } = shape else {
                 return None;
             };
-            let is_other = |own: &Own| !self.is_this_size(k, own);
-            let found = self.settled(k, self.held(k).into_iter().filter(is_other));
-            let sought = shapes().filter(|other| other.is_like(shape)).count();
+            let found = self.settled(k, self.held(k).into_iter());
             // How far it is off was found at the stated radius: that is where to look for it.
             let seen = |f: &Feature| {
                 let about = radius_mm + self.size_off(k, &f.own)?.off;
                 let centre = &f.motion.translation_mm;
                 let sphere = balls::radius::other_radius(&self.fine, centre, about, self.noise_mm)?;
-                Some(sphere.radius_mm)
+                let is_near = (sphere.radius_mm / radius_mm - 1.0).abs() < STEP - 1.0;
+                is_near.then_some(sphere.radius_mm)
             };
-            let radii: Vec<f64> = found.iter().take(sought).filter_map(seen).collect();
+            let found = found.iter().take(self.balls_like(*radius_mm));
+            let radii: Vec<f64> = found.filter_map(seen).collect();
             let near = |a: f64| move |b: &&f64| (a - **b).abs() < ALIKE * radius_mm;
             let alike = |a: f64| radii.iter().filter(near(a)).count();
             let most = radii.iter().copied().max_by_key(|&radius| alike(radius))?;
@@ -142,7 +181,7 @@ impl<'a> Sought<'a> {
             })
         };
         let all = shapes().enumerate().filter(|(k, _)| self.class[*k] == *k);
-        all.filter_map(other).max_by_key(|balls| balls.count)
+        all.filter_map(of).max_by_key(|balls| balls.count)
     }
 
     /// What looks like the fiducial `k` of whatever size, the one with the most points first.

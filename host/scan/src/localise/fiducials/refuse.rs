@@ -571,7 +571,8 @@ fn nothing(sought: &Sought<'_>, features: &[Feature]) -> ScanError {
         .map(|f| f.name.as_str())
         .collect();
     let names = names.join(", ");
-    let other = sought.other_balls();
+    let is_none = features.is_empty();
+    let other = is_none.then(|| sought.other_balls()).flatten();
     let message = match (features.len(), other) {
         (0, Some(balls)) => format!(
             "no ball in the scan has the radius of the fiducials ({names}), {:.3} mm: {} have about {:.3} mm. Measure the balls \

@@ -27,6 +27,8 @@ const LEAST: usize = 15;
 const EVEN: f64 = 0.6;
 /// Sides stand off if they have this share of the points on the part.
 const SHARE: f64 = 0.04;
+/// Or this share, where they are as many as those that lie on the part.
+const FEW: f64 = 0.01;
 /// The part lies as well on them if it has this share of the points there.
 const AS_WELL: f64 = 0.85;
 /// A fit beside another one is better if most of that one's points lie on the part by it, and what is off has this share.
@@ -68,18 +70,15 @@ impl Judge<'_> {
         mut decided: Decided,
     ) -> Result<Decided, ScanError> {
         let begun = decided.fit.motion;
-        let finer = self.finer(scene, &decided.fit);
-        decided.fit = finer.unwrap_or(decided.fit);
+        decided.fit = self.sharp(scene, &decided.fit);
         for _ in 0..TURNS {
             let Some(better) = self.better_beside(scene, &decided.fit) else {
                 break;
             };
             decided.fit = better;
         }
-        let sigma = match self.evenness(scene, &decided.fit) {
-            Some(even) => even,
-            None => self.noise(scene, &decided.fit),
-        };
+        let even = self.evenness(scene, &decided.fit);
+        let sigma = even.unwrap_or_else(|| self.noise(scene, &decided.fit));
         for (shift, other) in self.aside(scene, &decided.fit, sigma) {
             if is_clearly_off(shift.norm() / sigma) {
                 let why = format!(
@@ -179,18 +178,34 @@ impl Judge<'_> {
             let shift = side.normal * side.off_mm;
             let moved = Pose::shift_mm(shift).after(&fit.motion);
             let (with, points) = along(side.off_mm);
+            let (on_it, leave) = along(0.0);
             // Several that are sunk into the part by the same amount, where fewer lie on it: these stand off.
-            if side.off_mm < 0.0 && with > along(0.0).0.max(1) {
+            if side.off_mm < 0.0 && with > on_it.max(1) {
                 return Some((shift, moved));
             }
-            if (points as f64) < SHARE * all {
+            // As many sides as lie on it say as much as these, however many points each has: what is left then must lie on it.
+            let is_as_many = on_it > 0 && with >= on_it;
+            let share = if is_as_many { FEW } else { SHARE };
+            if (points as f64) < share * all {
                 return None;
             }
             let other = self.refine_to(scene, &moved, fit::CLOSE * sigma, FLOOR * sigma)?;
-            let as_well = count_on(&measure(&other.motion)) > AS_WELL * all;
+            let least = if is_as_many { all - leave as f64 } else { all };
+            let as_well = count_on(&measure(&other.motion)) > AS_WELL * least;
             as_well.then_some((shift, other.motion))
         });
         there.collect()
+    }
+
+    /// The fit, or a finer one where there is one.
+    pub(super) fn sharp(&self, scene: &Scene, fit: &Fit) -> Fit {
+        self.finer(scene, fit).unwrap_or_else(|| fit.clone())
+    }
+
+    /// The noise of the sides, where stray points have made the other one much more.
+    pub(super) fn sharp_noise(&self, scene: &Scene, fit: &Fit) -> f64 {
+        let even = self.evenness(scene, fit);
+        even.unwrap_or_else(|| fit.sigma_mm.max(scene.noise_mm))
     }
 
     /// The fit to the noise of the sides, where stray points have kept it from that, if about as much of the scan lies on the part.

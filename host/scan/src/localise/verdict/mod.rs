@@ -671,12 +671,13 @@ impl<'a> Judge<'a> {
             off(self.part(), points, &fit.motion, sigma, threads)
         };
         let is_as_seen = |fit: &Fit| {
-            let here = standing(scene, fit, fit.sigma_mm.max(scene.noise_mm)).off;
+            let here = standing(scene, fit, self.sharp_noise(scene, fit)).off;
             let off = here.iter().filter(|off| !on(**off)).count() as f64;
             let clearly = here.iter().filter(|off| is_clearly_off(**off)).count();
             clearly < FEW_UNLIKE && off < 1.5 * UNLIKE * here.len() as f64
         };
-        if fits.iter().any(is_as_seen) {
+        let sharp: Vec<Fit> = fits.iter().map(|fit| self.sharp(scene, fit)).collect();
+        if sharp.iter().any(is_as_seen) {
             return Ok(None);
         }
         let best = fits.first();
@@ -689,11 +690,12 @@ impl<'a> Judge<'a> {
         else {
             return Ok(None);
         };
-        let sigma = best
-            .map_or(f64::INFINITY, |fit| fit.sigma_mm)
-            .min(other.sigma_mm)
-            .max(scene.noise_mm);
-        let there = standing(&mirrored, other, sigma);
+        let other = self.sharp(&mirrored, other);
+        let noise = sharp.first().map(|fit| self.sharp_noise(scene, fit));
+        let sigma = noise
+            .unwrap_or(f64::INFINITY)
+            .min(self.sharp_noise(&mirrored, &other));
+        let there = standing(&mirrored, &other, sigma);
         let speaks = |here: &Standing| {
             let [there_on, here_on] = [&there, here].map(Standing::on);
             let (more, chance) = advantage(&there_on, &here_on);
@@ -701,11 +703,16 @@ impl<'a> Judge<'a> {
             more > chance + UNLIKE * count(&there_on) as f64 || clear > clear_chance
         };
         // Which of the fits is the part's, is not decided yet.
-        if fits.iter().any(|fit| !speaks(&standing(scene, fit, sigma))) {
+        if sharp
+            .iter()
+            .any(|fit| !speaks(&standing(scene, fit, sigma)))
+        {
             return Ok(None);
         }
         match self.unmirrored(scene, &other.motion, sigma) {
-            Some(missed) if !speaks(&standing(scene, &missed, sigma)) => Ok(Some(missed)),
+            Some(missed) if !speaks(&standing(scene, &self.sharp(scene, &missed), sigma)) => {
+                Ok(Some(missed))
+            }
             _ => Err(ScanError::refused(
                 "mirrored",
                 "the mirror image of the part fits the scan, the part does not: a left hand for a right one, or an axis of the scanner with its sign lost",

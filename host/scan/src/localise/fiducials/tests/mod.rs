@@ -417,7 +417,7 @@ fn balls_of_another_radius_are_ng_by_their_names() {
 fn the_radius_that_all_balls_have_is_told() {
     let mut random = Random(59);
     let scanner = random.pose();
-    for radius_mm in [12.0_f64, 12.2, 13.2, 13.4] {
+    for radius_mm in [6.4_f64, 10.0, 12.0, 12.2, 13.2, 13.4, 16.1, 25.0] {
         let mut bodies = balls();
         for body in &mut bodies {
             body.shape = FiducialShape::Ball { radius_mm };
