@@ -47,6 +47,8 @@ const PARALLEL: f64 = 0.9998;
 
 /// A flat side of which the scan shows how far it lies off the part.
 struct Side {
+    /// Its number.
+    side: u32,
     /// In the scan.
     normal: Vec3,
     /// Along the normal, in mm.
@@ -128,7 +130,7 @@ impl Judge<'_> {
         };
         let all = near(fit::INLIER * fit.sigma_mm.max(scene.noise_mm), &here);
         let mut best = (BETTER * off(&here), None);
-        for (mut offs, normal) in self.by_side(&here, &fit.motion) {
+        for (mut offs, normal) in self.by_side(&here, &fit.motion).into_values() {
             if (offs.len() as f64) < SHARE * all {
                 continue;
             }
@@ -192,7 +194,9 @@ impl Judge<'_> {
             let other = self.refine_to(scene, &moved, fit::CLOSE * sigma, FLOOR * sigma)?;
             let least = if is_as_many { all - leave as f64 } else { all };
             let as_well = count_on(&measure(&other.motion)) > AS_WELL * least;
-            as_well.then_some((shift, other.motion))
+            // A chuck's face behind the part goes on beyond it.
+            let is_part = || !self.passed(scene, &other.motion).contains(&side.side);
+            (as_well && is_part()).then_some((shift, other.motion))
         });
         there.collect()
     }
@@ -228,7 +232,7 @@ impl Judge<'_> {
         let reach = REACH * self.prepared.diagonal;
         let threads = self.task.threads;
         let here = measure_within(self.surface, &scene.fine, &fit.motion, &[], reach, threads);
-        let sides = self.by_side(&here, &fit.motion).into_iter();
+        let sides = self.by_side(&here, &fit.motion).into_values();
         let mut uneven: Vec<f64> = Vec::new();
         for (mut offs, _) in sides.filter(|(offs, _)| offs.len() >= LEAST) {
             let middle = median(&mut offs);
@@ -241,10 +245,11 @@ impl Judge<'_> {
 
     /// The flat sides of the part that the scan shows, each at one distance.
     fn sides_of(&self, measured: &[Measured], motion: &Pose, sigma: f64) -> Vec<Side> {
-        let flat = |(mut off, normal): (Vec<f64>, Vec3)| {
+        let flat = |(side, (mut off, normal)): (u32, (Vec<f64>, Vec3))| {
             let off_mm = median(&mut off);
             let even = off.iter().filter(|d| on((*d - off_mm) / sigma)).count();
             (off.len() >= LEAST && even as f64 >= EVEN * off.len() as f64).then_some(Side {
+                side,
                 normal,
                 off_mm,
                 points: off.len(),
@@ -255,7 +260,7 @@ impl Judge<'_> {
     }
 
     /// By side of the part: how far each point near it lies off, in mm, and which way that is in the scan.
-    fn by_side(&self, measured: &[Measured], motion: &Pose) -> Vec<(Vec<f64>, Vec3)> {
+    fn by_side(&self, measured: &[Measured], motion: &Pose) -> BTreeMap<u32, (Vec<f64>, Vec3)> {
         let reach = REACH * self.prepared.diagonal;
         let mut all: BTreeMap<u32, (Vec<f64>, Vec3)> = BTreeMap::new();
         for m in measured.iter().filter(|m| m.distance_mm.abs() < reach) {
@@ -263,6 +268,6 @@ impl Judge<'_> {
             let side = all.entry(self.prepared.sides[m.face]);
             side.or_insert((Vec::new(), normal)).0.push(m.distance_mm);
         }
-        all.into_values().collect()
+        all
     }
 }

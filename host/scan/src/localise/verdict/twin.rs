@@ -8,6 +8,7 @@ use super::symmetry::ambiguous;
 use super::{Judge, Worth};
 use crate::ScanError;
 use crate::localise::fit::Fit;
+use crate::localise::search::oriented::from_seed;
 use crate::localise::search::scene::Scene;
 use crate::localise::verdict::rivals::{is_within, off};
 use crate::rigid::{Pose, Vec3};
@@ -25,12 +26,39 @@ const WITHIN: f64 = 0.03;
 
 impl Judge<'_> {
     /// Refuses where another body of the scan is the part as well: nothing says which of them is meant.
+    ///
+    /// Of several scans the one that shows most of the part is asked. What the machine did not move with the part stands
+    /// elsewhere in each of them, and two tables that cross look like a corner.
     pub(super) fn only_body(&self, scene: &Scene, fit: &Fit) -> Result<(), ScanError> {
-        let beside = BESIDE * self.prepared.diagonal;
-        let is_left = |q: &Vec3| {
-            let distance = self.prepared.rough.field.at(&fit.motion.undo(q));
-            distance.is_none_or(|(d, _)| d.abs() > beside)
-        };
+        match self.task.groups.all.len() {
+            0 | 1 => self.only_body_of(scene, fit),
+            count => self.only_body_of(&self.fullest(fit, count), fit),
+        }
+    }
+
+    /// The scan, of so many, of which most points lie beside the part.
+    fn fullest(&self, fit: &Fit, count: usize) -> Scene {
+        let points = self.task.points;
+        let of = |i: usize| self.task.groups.of(i);
+        let mut beside = vec![0; count];
+        for i in (0..points.len()).filter(|i| !self.is_left(fit, &points[*i])) {
+            beside[of(i)] += 1;
+        }
+        let fullest = (0..count).max_by_key(|k| beside[*k]).unwrap_or(0);
+        let own = (0..points.len()).filter(|i| of(*i) == fullest);
+        let own: Vec<Vec3> = own.map(|i| points[i]).collect();
+        let (model, threads) = (self.task.model, self.task.threads);
+        Scene::new(model, &from_seed(&own, self.task.seed), threads)
+    }
+
+    /// Whether a point of the scan lies not near to the part.
+    fn is_left(&self, fit: &Fit, q: &Vec3) -> bool {
+        let distance = self.prepared.rough.field.at(&fit.motion.undo(q));
+        distance.is_none_or(|(d, _)| d.abs() > BESIDE * self.prepared.diagonal)
+    }
+
+    fn only_body_of(&self, scene: &Scene, fit: &Fit) -> Result<(), ScanError> {
+        let is_left = |q: &Vec3| self.is_left(fit, q);
         let surface = scene.places.iter().filter(|o| o.is_oriented());
         let (all, left) = surface.fold((0, 0), |(all, left), o| {
             (all + 1, left + u32::from(is_left(&o.at)))
