@@ -696,21 +696,25 @@ impl<'a> Judge<'a> {
             .unwrap_or(f64::INFINITY)
             .min(self.sharp_noise(&mirrored, &other));
         let there = standing(&mirrored, &other, sigma);
-        let speaks = |here: &Standing| {
-            let [there_on, here_on] = [&there, here].map(Standing::on);
-            let (more, chance) = advantage(&there_on, &here_on);
-            let (clear, clear_chance) = clear_advantage(&there, here);
-            more > chance + UNLIKE * count(&there_on) as f64 || clear > clear_chance
+        let beats = |one: &Standing, other: &Standing| {
+            let [one_on, other_on] = [one, other].map(Standing::on);
+            let (more, chance) = advantage(&one_on, &other_on);
+            let (clear, clear_chance) = clear_advantage(one, other);
+            more > chance + UNLIKE * count(&one_on) as f64 || clear > clear_chance
         };
-        // Which of the fits is the part's, is not decided yet.
-        if sharp
+        let fits: Vec<Standing> = sharp
             .iter()
-            .any(|fit| !speaks(&standing(scene, fit, sigma)))
-        {
+            .map(|fit| standing(scene, fit, sigma))
+            .collect();
+        // Which of the fits that are about as good as the first one is the part's, is not decided yet.
+        let is_good = |fit: &&Standing| !beats(&fits[0], fit);
+        if fits.iter().filter(is_good).any(|fit| !beats(&there, fit)) {
             return Ok(None);
         }
         match self.unmirrored(scene, &other.motion, sigma) {
-            Some(missed) if !speaks(&standing(scene, &self.sharp(scene, &missed), sigma)) => {
+            Some(missed)
+                if !beats(&there, &standing(scene, &self.sharp(scene, &missed), sigma)) =>
+            {
                 Ok(Some(missed))
             }
             _ => Err(ScanError::refused(
