@@ -85,6 +85,31 @@ fn a_clamping_is_found_by_two_thin_scans() {
     assert!((0.5..1.3).contains(&noise), "{noise}");
 }
 
+/// The face of the chuck behind the bar is none of the bar's: it goes on beyond it. The first clamping by two thin scans.
+#[test]
+fn a_chuck_behind_the_bar_is_no_face_of_it() {
+    let setting = LocaliseSetting {
+        scanner: ScannerKind {
+            noise_mm: SCANNER_2_SIGMA_MM / 2.0,
+            spacing_mm: 1.1,
+        },
+        turned_deg: &[0.0, 90.0],
+        ..setting(SCANNER_2_SIGMA_MM, 0.0, 100)
+    };
+    let found = all_found(&setting, &TABLE_4[..1]);
+    assert!(found[0].inside, "{found:?}");
+}
+
+/// Tables that the machine did not turn with the bar cross in six scans, as three faces of a second bar would. As dense as the
+/// paper's: thinner scans do not show it.
+#[test]
+fn a_clamping_is_found_by_six_dense_scans() {
+    let found = all_found(&setting(INDUSTRIAL_MM, 0.0, 1), &TABLE_4[1..2]);
+    let figures = figures(&found);
+    assert!((1e-6..0.01).contains(&figures.length_mm), "{figures:?}");
+    assert!(found[0].inside, "{found:?}");
+}
+
 /// Ten seeds of each scanner, and with fiducials that stand as crooked as the paper's may have stood.
 #[test]
 #[ignore = "150 clampings of six scans"]

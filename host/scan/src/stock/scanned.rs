@@ -231,26 +231,54 @@ fn missed(scans: u64) -> (Vec<f64>, usize) {
     (missed, large)
 }
 
-/// A ring with a bore of so many flat sides: of 40 the bore has 6 % of the surface, and what of it looks one way, to 20
-/// degrees, 0.7 %.
-fn ring(sides: usize) -> Mesh {
-    let at = |radius: f64, k: usize, z: f64| {
+/// What so many flat sides make of a profile (radius and height), closed, that goes up outside.
+fn round(sides: usize, profile: &[(f64, f64)]) -> Mesh {
+    let at = |(radius, z): (f64, f64), k: usize| {
         let (s, c) = (std::f64::consts::TAU * k as f64 / sides as f64).sin_cos();
         Vec3::new(radius * c, radius * s, z)
     };
-    let (outer, inner, height) = (20.0, 3.0, 15.0);
     let mut all = Vec::new();
     for k in 0..sides {
-        let mut quad = |a: Vec3, b: Vec3, c: Vec3, d: Vec3| all.extend([[a, b, c], [a, c, d]]);
-        let next = k + 1;
-        let [a, b, c, d] = [(k, 0.0), (next, 0.0), (next, height), (k, height)]
-            .map(|(k, z)| (at(outer, k, z), at(inner, k, z)));
-        quad(a.0, b.0, c.0, d.0);
-        quad(b.1, a.1, d.1, c.1);
-        quad(d.0, c.0, c.1, d.1);
-        quad(b.0, a.0, a.1, b.1);
+        for (i, from) in profile.iter().enumerate() {
+            let to = profile[(i + 1) % profile.len()];
+            let [a, b, c, d] =
+                [(*from, k), (*from, k + 1), (to, k + 1), (to, k)].map(|(p, k)| at(p, k));
+            all.extend([[a, b, c], [a, c, d]]);
+        }
     }
     Mesh::new(&all).unwrap()
+}
+
+/// A ring with a bore of so many flat sides: of 40 the bore has 6 % of the surface, and what of it looks one way, to 20
+/// degrees, 0.7 %.
+fn ring(sides: usize) -> Mesh {
+    round(sides, &[(20.0, 0.0), (20.0, 15.0), (3.0, 15.0), (3.0, 0.0)])
+}
+
+/// A countersink meets its face and its bore by 45 degrees: what is scanned of those shows nothing of it.
+#[test]
+fn a_countersink_that_no_point_shows_is_told() {
+    let profile = [
+        (20.0, 0.0),
+        (20.0, 15.0),
+        (8.0, 15.0),
+        (3.0, 10.0),
+        (3.0, 0.0),
+    ];
+    let mesh = round(40, &profile);
+    let random = &mut Random(8);
+    let on_cone = |p: &Vec3| p.z > 10.02 && p.z < 14.98 && p.xy().norm() < 8.1;
+    let cone = (5.0_f64.powi(2) * 2.0).sqrt() * std::f64::consts::PI * 11.0 / mesh.area_mm2();
+    let all = places(&mesh, 20_000, &Density::Even, random);
+    for (keep, expected) in [(0.0, cone), (0.3, 0.0), (1.0, 0.0)] {
+        let mut scanned = all.clone();
+        scanned.retain(|(p, _)| !on_cone(p) || random.next() < keep);
+        let share = told(&mesh, &scanned, random);
+        assert!(
+            (share - expected).abs() < 0.012,
+            "{keep}: {share}, {expected}"
+        );
+    }
 }
 
 #[test]

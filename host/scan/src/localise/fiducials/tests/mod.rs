@@ -429,7 +429,7 @@ fn the_radius_that_all_balls_have_is_told() {
         let (before, told) = words.split_once(" have about ").unwrap();
         assert!(before.ends_with("12.700 mm: 4"), "{words}");
         let told: f64 = told.split_once(' ').unwrap().0.parse().unwrap();
-        assert!((told - radius_mm).abs() < 0.01, "{radius_mm}: {words}");
+        assert!((told - radius_mm).abs() < 0.015, "{radius_mm}: {words}");
     }
 }
 
