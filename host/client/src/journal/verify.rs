@@ -61,7 +61,10 @@ pub fn verify(
         newest: None,
         gaps: Vec::new(),
         since: header.first_seq,
-        evidence: EvidenceCheck::new(header.first_seq),
+        evidence: EvidenceCheck::new(
+            header.first_seq,
+            after.is_some_and(|head| head.evidence.is_some()),
+        ),
     };
     loop {
         let (seq, chain) = (entries.next_seq(), entries.chain_head());
@@ -70,7 +73,7 @@ pub fn verify(
         let mut before = chain;
         if let Some(gap) = entries.take_gap() {
             check.gaps.push((gap.first, gap.next));
-            check.evidence.gap();
+            check.evidence.gap(gap.first);
             before = gap.chain_before;
             check.place(gap.next, &before)?;
         }
@@ -201,7 +204,7 @@ impl Check<'_> {
                 "the head with which this file was pulled is not at its end: something was taken away there".to_owned()
             } else if let Some(seq) = unproven.filter(|_| self.since == next) {
                 format!(
-                    "entry {seq} stands before entries that were overwritten, and no signed head vouches for it: pull the journal again"
+                    "entry {seq} was overwritten or stands before entries that were, and no signed head vouches for the evidence there: pull the journal again; if that stays so, the board's memory of evidence is damaged"
                 )
             } else {
                 format!(
