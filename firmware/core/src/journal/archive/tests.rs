@@ -577,3 +577,40 @@ fn damage_blocks_no_acknowledgement() {
     }
     assert!(all_but_counted > 0, "no damage was met");
 }
+
+/// A ring that has gone round, with a journal that noise has lapped: what it holds stands only there.
+fn lapped() -> Mock {
+    let mut archive = new();
+    for n in 0..600_u32 {
+        put(&mut archive, VERDICT, &[n as u8; 60]).unwrap();
+    }
+    for _ in 0..40 {
+        put(&mut archive, NOISE, &[7; 900]).unwrap();
+    }
+    assert!(archive.evidence.get().unwrap().ring.first_seq() > 0 && archive.first_seq() > 600);
+    archive
+}
+
+/// Byte `at` of the header of the ring's oldest sector.
+fn in_oldest_header(archive: &Mock, at: u32) -> usize {
+    let extent = archive.evidence.get().unwrap().ring.extent;
+    (extent.oldest * EVIDENCE.sector_size + at) as usize
+}
+
+/// A bit of the header of the oldest sector changes in a ring that has gone round, while the board runs: heads say all the
+/// same where evidence begins that can be proven, each time, and every piece is still there.
+#[test]
+fn a_damaged_header_leaves_heads_their_mark() {
+    let mut archive = lapped();
+    let (whole, before) = (all(&mut archive), archive.mark().unwrap().unwrap());
+    let at = in_oldest_header(&archive, 9);
+    archive.evidence.get_mut().unwrap().ring.flash.data[at] ^= 1;
+    for _ in 0..3 {
+        let mark = archive.mark().unwrap().unwrap();
+        assert!(mark.first > before.first && mark.first < mark.next);
+        assert_eq!((mark.next, mark.chain), (before.next, before.chain));
+        let found = all(&mut archive);
+        assert_eq!(found, whole);
+        assert_eq!(chain_of(&found, &mut archive), Chain(mark.chain));
+    }
+}
