@@ -92,6 +92,23 @@ pub fn verify(
     check.end(&header, stretch)
 }
 
+/// The key of the first head in a file that is not this one, as far as the file can be read: it is of another board, also
+/// where the file does not hold.
+#[must_use]
+pub fn other_key(bytes: &[u8], key: &[u8; 32]) -> Option<[u8; 32]> {
+    let (_, mut entries) = decode_file(bytes).ok()?;
+    while let Some(Ok(entry)) = entries.next() {
+        entries.take_gap();
+        if entry.kind == HEAD
+            && let Ok(Record::Head(head)) = record(&entry)
+            && head.key != *key
+        {
+            return Some(head.key);
+        }
+    }
+    None
+}
+
 /// A file that cannot be read as a journal. Damage to its first bytes is damage, too.
 fn unreadable(bytes: &[u8], error: &FileError) -> Problem {
     match error {
