@@ -51,11 +51,7 @@ impl<F: Flash> Evidence<F> {
         let (mut ring, found) = Journal::open(flash)?;
         // Each piece has its number and its chain value with it: the header of its sector proves nothing of it.
         ring.take_unproven()?;
-        let is_damaged = !Recovery {
-            torn_bytes: 0,
-            ..found
-        }
-        .is_clean();
+        let is_damaged = found.chain_restarted || found.damaged_entries > 0;
         let ring = if is_damaged && ring.first_seq() == 0 && journal.first_seq() == 0 {
             let mut flash = ring.into_flash();
             Journal::format(&mut flash)?;
