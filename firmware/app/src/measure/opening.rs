@@ -150,14 +150,23 @@ impl<F: Flash> Instrument<F> {
         // Before the first new entry: what is copied is what was there.
         let archive = ledger.journal.get_mut();
         let kept_apart = match (evidence, archive) {
-            (Some(evidence), Some(archive)) => archive.keep_evidence(evidence, &mut ledger.scratch),
-            _ => Ok(()),
+            (Some(evidence), Some(archive)) => archive
+                .keep_evidence(evidence, &mut ledger.scratch)
+                .map(Some),
+            _ => Ok(None),
         };
         self.ledger.hold_evidence();
         self.ledger.record(now, boot);
-        let recovery = opened.map_err(ArchiveFault::Journal)?;
+        let mut recovery = opened.map_err(ArchiveFault::Journal)?;
         self.ledger.is_new = recovery.fresh;
         self.ledger.heads.opened(recovery.next_seq);
+        match &kept_apart {
+            // What a power cut has left of a piece was no loss: the journal had it.
+            Ok(Some(of_ring)) => recovery.add(of_ring),
+            Ok(None) => {}
+            // No evidence is kept apart: its chain has ended.
+            Err(_) => recovery.chain_restarted = true,
+        }
         if !recovery.is_clean() {
             let record = Record::Recovered {
                 torn_bytes: recovery.torn_bytes,
@@ -170,7 +179,7 @@ impl<F: Flash> Instrument<F> {
         if kept_apart.is_err() {
             self.ledger.refused();
         }
-        kept_apart
+        kept_apart.map(|_| ())
     }
 
     /// Takes up what is kept for the owner.

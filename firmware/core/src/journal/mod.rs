@@ -265,6 +265,31 @@ impl<F: Flash> Journal<F> {
         self.extent.tail = self.extent.layout.end(self.extent.head);
     }
 
+    /// From now on a sector that was written and whose header cannot be read is part of the record also
+    /// where it is the oldest: what it holds can be read, not proven. Else it is given up.
+    ///
+    /// # Errors
+    /// [`JournalError::Flash`].
+    pub fn take_unproven(&mut self) -> Result<(), JournalError<F::Error>> {
+        let Extent { layout, head, .. } = self.extent;
+        self.extent.takes_unproven = true;
+        let next = layout.next(head);
+        let start = if self.next_given_up {
+            layout.next(next)
+        } else {
+            next
+        };
+        set_oldest(&mut self.flash, &mut self.extent, start, self.generation)
+            .map_err(JournalError::Flash)?;
+        Ok(())
+    }
+
+    /// Goes on with this number, in another sector: those before it were given, and are lost.
+    pub fn skip_to(&mut self, next_seq: u64) {
+        self.extent.next_seq = next_seq.max(self.extent.next_seq);
+        self.turn();
+    }
+
     /// Bytes left in the current sector. An entry takes [`OVERHEAD`] and its
     /// payload, padded to the alignment.
     #[must_use]

@@ -4,7 +4,8 @@
 use super::error::JournalError;
 use super::flash::Flash;
 use super::format::chain::Chain;
-use super::format::layout::{HEADER_SIZE, Layout};
+use super::format::entry::probe;
+use super::format::layout::{HEADER_SIZE, Layout, OVERHEAD};
 use super::format::sector::{Header, HeaderRead};
 use super::walk::{Cursor, Extent, Step, is_erased, read_header, search};
 
@@ -44,6 +45,13 @@ impl Recovery {
             && self.damaged_entries == 0
             && self.damaged_headers == 0
             && !self.chain_restarted
+    }
+
+    /// Adds what is damaged elsewhere.
+    pub fn add(&mut self, other: &Self) {
+        self.damaged_entries = self.damaged_entries.saturating_add(other.damaged_entries);
+        self.damaged_headers = self.damaged_headers.saturating_add(other.damaged_headers);
+        self.chain_restarted |= other.chain_restarted;
     }
 }
 
@@ -167,6 +175,7 @@ fn fresh<F: Flash>(flash: &mut F, layout: Layout) -> Result<State, JournalError<
         head,
         tail: layout.end(head),
         next_seq: 0,
+        takes_unproven: false,
     };
     Ok(State {
         extent,
@@ -305,6 +314,7 @@ impl Head {
             head,
             tail,
             next_seq,
+            takes_unproven: false,
         };
         let start = layout.next(head);
         let start = if next_given_up {
@@ -335,7 +345,9 @@ impl Head {
 
 /// Sets the old end of the record: the first sector from `start` up to the head
 /// whose header is good and of this lap. If there is none, `extent` stays.
-/// Returns how many of these sectors were written and have no such header.
+/// Returns how many of these sectors were written and have no such header. Where the record
+/// begins also with one of them, those before that sector belong to it: what they hold
+/// can be read as far as their first entries tell, and is there in any case.
 pub(super) fn set_oldest<F: Flash>(
     flash: &mut F,
     extent: &mut Extent,
@@ -345,6 +357,7 @@ pub(super) fn set_oldest<F: Flash>(
     let layout = extent.layout;
     let mut found = false;
     let mut damaged = 0;
+    let (mut unproven, mut first_seq) = (None, None);
     let mut sector = start;
     for _ in 0..layout.sectors {
         let behind = u64::from((extent.head + layout.sectors - sector) % layout.sectors);
@@ -360,7 +373,12 @@ pub(super) fn set_oldest<F: Flash>(
             }
             _ => {
                 let place = layout.start(sector);
-                damaged += u32::from(!is_erased(flash, place, place + HEADER_SIZE as u32)?);
+                let is_damaged = !is_erased(flash, place, place + HEADER_SIZE as u32)?;
+                damaged += u32::from(is_damaged);
+                if extent.takes_unproven && is_damaged && !found {
+                    unproven.get_or_insert(sector);
+                    first_seq = first_seq.or(first_of(flash, &layout, sector)?);
+                }
             }
         }
         if sector == extent.head {
@@ -368,7 +386,28 @@ pub(super) fn set_oldest<F: Flash>(
         }
         sector = layout.next(sector);
     }
+    if let Some(sector) = unproven.filter(|_| found) {
+        extent.oldest = sector;
+        let most = u64::from(layout.sectors * (layout.sector_size / OVERHEAD as u32));
+        let is_before = |first: &u64| {
+            extent
+                .first_seq
+                .checked_sub(*first)
+                .is_some_and(|n| n <= most)
+        };
+        extent.first_seq = first_seq.filter(is_before).unwrap_or(extent.first_seq);
+    }
     Ok(damaged)
+}
+
+/// The number of the entry with which a sector begins, by what it says of itself.
+fn first_of<F: Flash>(
+    flash: &mut F,
+    layout: &Layout,
+    sector: u32,
+) -> Result<Option<u64>, F::Error> {
+    let found = probe(flash, layout.data(sector), layout.end(sector))?;
+    Ok(found.ok().map(|found| found.fields.seq))
 }
 
 /// True if the mark says that the sector behind this one was given up.

@@ -177,7 +177,12 @@ impl<F: Flash> Journal<F> {
         if seq == self.extent.next_seq {
             return Ok(self.chain);
         }
-        let cursor = self.seek(seq)?;
+        let mut cursor = self.seek(seq)?;
+        if cursor.chain.is_none() && cursor.seq == cursor.end {
+            // Behind damage, at the end of a sector: the header of the next one knows the chain.
+            self.cursor = None;
+            cursor = self.seek(seq)?;
+        }
         self.cursor = Some(cursor);
         cursor
             .chain

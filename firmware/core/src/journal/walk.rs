@@ -22,6 +22,8 @@ pub(super) struct Extent {
     pub tail: u32,
     /// The number that the next entry will get.
     pub next_seq: u64,
+    /// The record begins also with a sector whose header cannot be read.
+    pub takes_unproven: bool,
 }
 
 /// A place between two entries.

@@ -61,7 +61,10 @@ pub fn verify(
         newest: None,
         gaps: Vec::new(),
         since: header.first_seq,
-        evidence: EvidenceCheck::new(header.first_seq),
+        evidence: EvidenceCheck::new(
+            header.first_seq,
+            after.is_some_and(|head| head.evidence.is_some()),
+        ),
     };
     loop {
         let (seq, chain) = (entries.next_seq(), entries.chain_head());
@@ -70,7 +73,7 @@ pub fn verify(
         let mut before = chain;
         if let Some(gap) = entries.take_gap() {
             check.gaps.push((gap.first, gap.next));
-            check.evidence.gap();
+            check.evidence.gap(gap.first);
             before = gap.chain_before;
             check.place(gap.next, &before)?;
         }
@@ -87,6 +90,23 @@ pub fn verify(
         overwritten: check.gaps.clone(),
     };
     check.end(&header, stretch)
+}
+
+/// The key of the first head in a file that is not this one, as far as the file can be read: it is of another board, also
+/// where the file does not hold.
+#[must_use]
+pub fn other_key(bytes: &[u8], key: &[u8; 32]) -> Option<[u8; 32]> {
+    let (_, mut entries) = decode_file(bytes).ok()?;
+    while let Some(Ok(entry)) = entries.next() {
+        entries.take_gap();
+        if entry.kind == HEAD
+            && let Ok(Record::Head(head)) = record(&entry)
+            && head.key != *key
+        {
+            return Some(head.key);
+        }
+    }
+    None
 }
 
 /// A file that cannot be read as a journal. Damage to its first bytes is damage, too.
@@ -201,7 +221,7 @@ impl Check<'_> {
                 "the head with which this file was pulled is not at its end: something was taken away there".to_owned()
             } else if let Some(seq) = unproven.filter(|_| self.since == next) {
                 format!(
-                    "entry {seq} stands before entries that were overwritten, and no signed head vouches for it: pull the journal again"
+                    "entry {seq} was overwritten or stands before entries that were, and no signed head vouches for the evidence there: pull the journal again; if that stays so, the board's memory of evidence is damaged"
                 )
             } else {
                 format!(

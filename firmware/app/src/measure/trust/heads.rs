@@ -124,8 +124,12 @@ impl<F: Flash> Instrument<F> {
             ledger.heads.is_full = true;
             return;
         }
-        // Evidence that cannot be read any more cannot be vouched for.
-        let evidence = journal.mark().unwrap_or_default();
+        // Without what it says of the evidence, somebody could take that out: where the flash says nothing, the board signs
+        // nothing either, until a host asks again or there is room.
+        let Ok(evidence) = journal.mark() else {
+            ledger.heads.is_full = true;
+            return;
+        };
         let mut head = Head {
             seq: journal.next_seq(),
             t_us: now.0,

@@ -65,7 +65,7 @@ pub(crate) struct Heads {
     known_turns: Bucket<32, 10_000_000>,
     /// Who waits is no stranger.
     pub is_known: bool,
-    /// The journal had no room for the one that was due.
+    /// The journal had no room for the one that was due, or could not be read.
     pub is_full: bool,
 }
 

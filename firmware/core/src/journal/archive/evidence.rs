@@ -6,7 +6,7 @@ use umi_protocol::message::Record;
 
 use super::ROOM;
 use crate::journal::format::chain::CRC32;
-use crate::journal::{Chain, Flash, Journal, JournalError, ReadEntry};
+use crate::journal::{Chain, Flash, Journal, JournalError, ReadEntry, Recovery};
 use crate::units::Micros;
 
 /// Bytes before the payload of an entry that is evidence: its number, 8 bytes little endian, and
@@ -21,8 +21,8 @@ const TRIED: usize = 8;
 pub enum ArchiveFault<E> {
     /// One of the two journals.
     Journal(JournalError<E>),
-    /// The newest piece of evidence is not the entry of that number in the journal: it is that of
-    /// another journal.
+    /// No piece of evidence that the journal should have is the entry of that number there: the ring is that
+    /// of another journal.
     OtherJournal,
 }
 
@@ -44,35 +44,48 @@ impl<F: Flash> Evidence<F> {
     /// Finds the ring. One that is damaged where it would go on is made anew as long as the journal has everything from
     /// its first entry on, so that it becomes what it was: its chain would go on from before the damage, and no reader
     /// could follow it.
-    pub fn open(flash: F, journal: &Journal<F>) -> Result<Self, JournalError<F::Error>> {
-        let (ring, found) = Journal::open(flash)?;
+    pub fn open(
+        flash: F,
+        journal: &Journal<F>,
+    ) -> Result<(Self, Recovery), JournalError<F::Error>> {
+        let (mut ring, found) = Journal::open(flash)?;
+        // Each piece has its number and its chain value with it: the header of its sector proves nothing of it.
+        ring.take_unproven()?;
         let is_damaged = found.chain_restarted || found.damaged_entries > 0;
         let ring = if is_damaged && ring.first_seq() == 0 && journal.first_seq() == 0 {
             let mut flash = ring.into_flash();
             Journal::format(&mut flash)?;
-            Journal::open(flash)?.0
+            let mut ring = Journal::open(flash)?.0;
+            ring.take_unproven()?;
+            ring
         } else {
             ring
         };
-        Ok(Self {
+        let evidence = Self {
             ring,
             hint: (u64::MAX, 0),
-        })
+        };
+        Ok((evidence, found))
     }
 
-    /// Copies what the journal has and the ring has not: all of it, into a new ring.
+    /// Copies what the journal has and the ring has not: all of it, into a new ring. What the journal has lost at its end,
+    /// and the ring has, goes the other way. Returns how many entries the journal has lost for good.
     pub fn catch_up(
         &mut self,
         journal: &mut Journal<F>,
         scratch: &mut [u8; ROOM],
-    ) -> Result<(), ArchiveFault<F::Error>> {
+    ) -> Result<u64, ArchiveFault<F::Error>> {
+        let mut lost = 0;
         let numbers = self.ring.first_seq()..self.ring.next_seq();
         let mut newest = numbers.clone().rev().take(TRIED);
         let newest = newest.find_map(|number| Some((number, self.fields(number).ok()?)));
         let from = match newest {
+            Some((_, (seq, _))) if seq >= journal.next_seq() => {
+                lost = self.give_back(journal, seq, scratch)?;
+                journal.next_seq()
+            }
             Some((newest, (seq, before))) => {
-                let is_ahead = seq >= journal.next_seq();
-                if is_ahead || !self.is_of(journal, newest, seq, &before, scratch)? {
+                if !self.is_of(journal, newest, seq, &before, scratch)? {
                     return Err(ArchiveFault::OtherJournal);
                 }
                 seq + 1
@@ -94,7 +107,55 @@ impl<F: Flash> Evidence<F> {
                 self.append(kind, t, seq, &before, scratch, len)?;
             }
         }
-        Ok(())
+        Ok(lost)
+    }
+
+    /// The journal has lost what stood at its end, up to entry `last` at least, as far as the ring tells. The pieces that
+    /// follow on what it has are put back, each as the entry that it was. Where others are gone, their numbers are not given
+    /// again: a reader is told that they are missing. Returns how many that are.
+    fn give_back(
+        &mut self,
+        journal: &mut Journal<F>,
+        last: u64,
+        scratch: &mut [u8; ROOM],
+    ) -> Result<u64, ArchiveFault<F::Error>> {
+        // The newest piece that the journal should have.
+        let known = self.behind(journal.next_seq())?;
+        let mut older = (self.ring.first_seq()..known).rev().take(TRIED);
+        let older = older.find_map(|number| Some((number, self.fields(number).ok()?)));
+        let mut is_of = false;
+        if let Some((number, (seq, before))) = older
+            && seq >= journal.first_seq()
+        {
+            is_of = self.is_of(journal, number, seq, &before, scratch)?;
+            if !is_of {
+                return Err(ArchiveFault::OtherJournal);
+            }
+        }
+        // On an empty journal the first piece of any ring follows.
+        let is_empty = journal.next_seq() == 0;
+        for number in known..self.ring.next_seq() {
+            let follows = self.fields(number).is_ok_and(|(seq, before)| {
+                seq == journal.next_seq() && before == journal.chain_head()
+            });
+            if !follows || is_empty {
+                break;
+            }
+            is_of = true;
+            let (_, place) = scratch.split_at_mut(FIELDS);
+            let piece = self.ring.read_piece(number, FIELDS, place)?;
+            let payload = place.get(..piece.len).unwrap_or_default();
+            journal.append(piece.kind, piece.t, payload)?;
+        }
+        if !is_of {
+            return Err(ArchiveFault::OtherJournal);
+        }
+        let next = last.saturating_add(1);
+        let lost = next.saturating_sub(journal.next_seq());
+        if lost > 0 {
+            journal.skip_to(next);
+        }
+        Ok(lost)
     }
 
     /// Whether the journal has this piece as its entry `seq`, as far as it still has that: it may

@@ -37,9 +37,9 @@
 //!   [`Archive::lost_of`] and [`Archive::hold`].
 //! * Of evidence that is held, a sector can be lost where power is cut again and again while the last
 //!   piece is written.
-//! * If the newest entry of the journal is damaged at rest and was evidence, the two do not fit any
-//!   more: [`ArchiveFault::OtherJournal`], and the board keeps no evidence apart until its owner
-//!   has pulled and formatted it.
+//! * If the newest entries of the journal are damaged at rest, those that were evidence are put back from the
+//!   ring, as far as they follow on each other. Behind others the journal goes on with the number that the ring knows,
+//!   and a reader is told that they are missing.
 //! * A ring of another journal is known by its newest piece, while the journal still holds the entry
 //!   of that number. If that entry is overwritten already, the ring is taken for the journal's own.
 
@@ -100,7 +100,8 @@ impl<F: Flash> Archive<F> {
         Ok((archive, recovery))
     }
 
-    /// Keeps evidence apart from now on; what of the journal's is not there yet is copied.
+    /// Keeps evidence apart from now on; what of the journal's is not there yet is copied. Returns what was
+    /// damaged: of the ring, and of the journal as the ring shows.
     ///
     /// # Errors
     /// [`ArchiveFault`]: no evidence is kept apart.
@@ -108,11 +109,12 @@ impl<F: Flash> Archive<F> {
         &mut self,
         flash: F,
         scratch: &mut [u8; ROOM],
-    ) -> Result<(), ArchiveFault<F::Error>> {
-        let mut evidence = Evidence::open(flash, &self.journal)?;
-        evidence.catch_up(&mut self.journal, scratch)?;
+    ) -> Result<Recovery, ArchiveFault<F::Error>> {
+        let (mut evidence, mut found) = Evidence::open(flash, &self.journal)?;
+        let lost = evidence.catch_up(&mut self.journal, scratch)?;
         self.evidence.put(evidence);
-        Ok(())
+        found.damaged_entries = found.damaged_entries.saturating_add(lost);
+        Ok(found)
     }
 
     /// Overwrites no evidence from this entry on; none: the oldest is overwritten.

@@ -251,7 +251,7 @@ fn a_ring_of_another_history_is_refused() {
     };
     let taken = |stream: MockFlash, evidence: MockFlash| {
         let (mut archive, _) = Archive::open(stream).unwrap();
-        archive.keep_evidence(evidence, &mut [0; ROOM])
+        archive.keep_evidence(evidence, &mut [0; ROOM]).map(|_| ())
     };
     let kinds = [VERDICT, NOISE, VERDICT, NOISE, NOISE];
     let (stream, ring) = written(&kinds, 1);
@@ -576,4 +576,182 @@ fn damage_blocks_no_acknowledgement() {
         }
     }
     assert!(all_but_counted > 0, "no damage was met");
+}
+
+/// A ring that has gone round, with a journal that noise has lapped: what it holds stands only there.
+fn lapped() -> Mock {
+    let mut archive = new();
+    for n in 0..600_u32 {
+        put(&mut archive, VERDICT, &[n as u8; 60]).unwrap();
+    }
+    for _ in 0..40 {
+        put(&mut archive, NOISE, &[7; 900]).unwrap();
+    }
+    assert!(archive.evidence.get().unwrap().ring.first_seq() > 0 && archive.first_seq() > 600);
+    archive
+}
+
+/// Byte `at` of the header of the ring's oldest sector.
+fn in_oldest_header(archive: &Mock, at: u32) -> usize {
+    let extent = archive.evidence.get().unwrap().ring.extent;
+    (extent.oldest * EVIDENCE.sector_size + at) as usize
+}
+
+/// A bit of the header of the oldest sector changes in a ring that has gone round, while the board runs: heads say all the
+/// same where evidence begins that can be proven, each time, and every piece is still there.
+#[test]
+fn a_damaged_header_leaves_heads_their_mark() {
+    let mut archive = lapped();
+    let (whole, before) = (all(&mut archive), archive.mark().unwrap().unwrap());
+    let at = in_oldest_header(&archive, 9);
+    archive.evidence.get_mut().unwrap().ring.flash.data[at] ^= 1;
+    for _ in 0..3 {
+        let mark = archive.mark().unwrap().unwrap();
+        assert!(mark.first > before.first && mark.first < mark.next);
+        assert_eq!((mark.next, mark.chain), (before.next, before.chain));
+        let found = all(&mut archive);
+        assert_eq!(found, whole);
+        assert_eq!(chain_of(&found, &mut archive), Chain(mark.chain));
+    }
+}
+
+/// The same at rest: at the next start the pieces of that sector are there, the damage is told, and where nobody has
+/// acknowledged them they are not overwritten.
+#[test]
+fn a_sector_without_its_header_is_held() {
+    let mut archive = open(MockFlash::new(STREAM), MockFlash::new(HELD));
+    for n in 0..500_u64 {
+        put(&mut archive, VERDICT, &[n as u8; 300]).unwrap();
+    }
+    let from = archive.mark().unwrap().unwrap().first_seq;
+    archive.hold(Some(from));
+    fill(&mut archive, VERDICT);
+    for _ in 0..40 {
+        put(&mut archive, NOISE, &[7; 900]).unwrap();
+    }
+    let whole = evidence_from(&mut archive, from);
+    let ring = &archive.evidence.get().unwrap().ring;
+    let (first, oldest) = (ring.first_seq(), ring.extent.oldest * HELD.sector_size);
+    assert!(first > 0);
+    let (stream, evidence) = flashes(archive);
+    // The header alone, and the first piece behind it, too.
+    for places in [&[9][..], &[9, 150]] {
+        let mut damaged = evidence.clone();
+        for at in places {
+            damaged.data[oldest as usize + at] ^= 1;
+        }
+        let (mut archive, _) = Archive::open(stream.clone()).unwrap();
+        let found = archive.keep_evidence(damaged, &mut [0; ROOM]).unwrap();
+        assert_eq!(found.damaged_headers, 1);
+        archive.hold(Some(from));
+        assert_eq!(put(&mut archive, VERDICT, &[1; 300]), Err(()), "{places:?}");
+        archive.prepare(30_000).unwrap();
+        assert!(!archive.takes(300, false));
+        let there = evidence_from(&mut archive, from);
+        if places.len() == 1 {
+            assert_eq!(there, whole);
+            assert_eq!(
+                archive.lost_of(from..u64::MAX),
+                archive.first_seq() - whole.last().unwrap().0 - 1
+            );
+        }
+        let mark = archive.mark().unwrap().unwrap();
+        assert!(mark.first_seq > from);
+        assert_eq!(chain_of(&there, &mut archive), Chain(mark.chain));
+        archive.hold(Some(archive.next_seq()));
+        for _ in 0..500 {
+            archive.hold(Some(archive.next_seq()));
+            put(&mut archive, VERDICT, &[1; 300]).unwrap();
+        }
+    }
+}
+
+/// The newest entries of the journal are damaged at rest. Those that are evidence are put back from the ring, each as it
+/// was; behind others the journal goes on with the next number that nobody has had. The ring stays in any case, and
+/// another start finds both as they are.
+#[test]
+fn what_the_journal_has_lost_at_its_end_costs_no_ring() {
+    // What stands at the end, how many of the newest are damaged, and how many of them are gone.
+    let cases: [(&[u8], usize, u64); 5] = [
+        (&[NOISE, VERDICT], 1, 0),
+        (&[VERDICT, VERDICT], 2, 0),
+        (&[VERDICT, NOISE], 2, 0),
+        (&[NOISE, VERDICT], 2, 2),
+        (&[VERDICT, NOISE, VERDICT], 3, 2),
+    ];
+    for (kinds, damaged, gone) in cases {
+        let mut archive = new();
+        for n in 0..30 {
+            put(
+                &mut archive,
+                if n % 3 == 0 { VERDICT } else { NOISE },
+                &[n; 20],
+            )
+            .unwrap();
+        }
+        for (n, kind) in (30..).zip(kinds) {
+            put(&mut archive, *kind, &[n; 20]).unwrap();
+        }
+        let next = archive.next_seq();
+        let (before, chain, mark) = (
+            all(&mut archive),
+            archive.chain_head(),
+            archive.mark().unwrap(),
+        );
+        let end = archive.journal.extent.tail as usize;
+        let (mut stream, evidence) = flashes(archive);
+        // Each entry takes 52 bytes.
+        for n in 0..damaged {
+            stream.data[end - 52 * n - 20] ^= 1;
+        }
+        let (mut archive, _) = Archive::open(stream).unwrap();
+        assert_eq!(archive.next_seq(), next - damaged as u64);
+        let found = archive.keep_evidence(evidence, &mut [0; ROOM]).unwrap();
+        assert_eq!(found.damaged_entries, gone, "{kinds:?} {damaged}");
+        assert_eq!(archive.mark().unwrap(), mark);
+        let is_noise_last = kinds.last() == Some(&NOISE);
+        assert_eq!(archive.next_seq(), next - u64::from(is_noise_last));
+        if gone == 0 && !is_noise_last {
+            assert_eq!(
+                (all(&mut archive), archive.chain_head()),
+                (before.clone(), chain)
+            );
+        }
+        let (stream, evidence) = flashes(archive);
+        let mut archive = open(stream, evidence);
+        put(&mut archive, VERDICT, b"goes on").unwrap();
+        let (next, mark) = (archive.next_seq(), archive.mark().unwrap());
+        let (stream, evidence) = flashes(archive);
+        let mut archive = open(stream, evidence);
+        assert_eq!((archive.next_seq(), archive.mark().unwrap()), (next, mark));
+        // When noise has lapped the journal, every piece of evidence is there, once.
+        while archive.first_seq() < next {
+            put(&mut archive, NOISE, &[7; 900]).unwrap();
+        }
+        let found = evidence_from(&mut archive, 0);
+        let mut expected: Vec<_> = before.into_iter().filter(|of| of.1 == VERDICT).collect();
+        expected.push((next - 1, VERDICT, b"goes on".to_vec()));
+        assert_eq!(found, expected, "{kinds:?} {damaged}");
+        let chain = Chain(archive.mark().unwrap().unwrap().chain);
+        assert_eq!(chain_of(&found, &mut archive), chain);
+    }
+}
+
+/// An empty journal, and one of another history that is shorter, get nothing from a ring: it is told that it is not theirs.
+#[test]
+fn a_ring_that_is_ahead_of_another_journal_is_refused() {
+    let mut archive = new();
+    for n in 0..9 {
+        put(&mut archive, VERDICT, &[n; 20]).unwrap();
+    }
+    let (_, ring) = flashes(archive);
+    for entries in 0..3 {
+        let (mut other, _) = Archive::open(MockFlash::new(STREAM)).unwrap();
+        for n in 0..entries {
+            put(&mut other, VERDICT, &[n + 100; 20]).unwrap();
+        }
+        let refused = other.keep_evidence(ring.clone(), &mut [0; ROOM]);
+        assert_eq!(refused, Err(ArchiveFault::OtherJournal), "{entries}");
+        assert_eq!(other.next_seq(), u64::from(entries));
+    }
 }

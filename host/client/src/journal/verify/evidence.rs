@@ -60,6 +60,12 @@ pub(super) struct EvidenceCheck {
     early_cut: Option<u64>,
     /// The first entry that nothing proves.
     unproven: Option<u64>,
+    /// The first entry that is missing with no head behind it yet that names evidence.
+    missing: Option<u64>,
+    /// The same, before the first such head.
+    early_missing: Option<u64>,
+    /// The board keeps evidence apart, as far as is known: a head without a mark vouches for no gap then.
+    is_kept_apart: bool,
     /// Pieces before a head are not all that it names; a later head may say that the board has
     /// overwritten the others since.
     doubt: Option<Doubt>,
@@ -83,7 +89,8 @@ pub(super) struct OtherEvidence {
 }
 
 impl EvidenceCheck {
-    pub fn new(first_seq: u64) -> Self {
+    /// Of a file that begins with this entry, of a board of which a kept head may say that it keeps evidence apart.
+    pub fn new(first_seq: u64, is_kept_apart: bool) -> Self {
         Self {
             first_seq,
             place: None,
@@ -96,12 +103,21 @@ impl EvidenceCheck {
             cut: None,
             early_cut: None,
             unproven: None,
+            missing: None,
+            early_missing: None,
+            is_kept_apart,
             doubt: None,
         }
     }
 
-    /// A gap stands here.
-    pub fn gap(&mut self) {
+    /// From this entry on some are missing here.
+    pub fn gap(&mut self, first: u64) {
+        self.missing.get_or_insert(first);
+        self.part();
+    }
+
+    /// What came since the last head has none behind it.
+    fn part(&mut self) {
         if let Some(seq) = self.bare.take() {
             self.unproven.get_or_insert(seq);
         }
@@ -139,6 +155,11 @@ impl EvidenceCheck {
         // What stands before it in one piece is proven by the chain.
         (self.bare, self.pieces_since) = (None, None);
         if let Some(mark) = mark {
+            let missing = self.missing.take();
+            if self.place.is_none() {
+                self.early_missing = missing;
+            }
+            self.is_kept_apart = true;
             let said = Place {
                 number: mark.next,
                 chain: Chain(mark.chain),
@@ -218,11 +239,16 @@ impl EvidenceCheck {
 
     /// The file has ended: the first entry that nothing proves.
     pub fn end(mut self) -> Result<Option<u64>, OtherEvidence> {
-        self.gap();
+        self.part();
         if let Some(doubt) = &self.doubt {
             return Err(OtherEvidence { seq: doubt.seq });
         }
-        let mut first = [self.unproven, self.cut].into_iter().flatten().min();
+        // Somebody may have taken out what stood there, of a board that would have kept it.
+        let missing = self.missing.filter(|_| self.is_kept_apart);
+        let mut first = [self.unproven, self.cut, missing]
+            .into_iter()
+            .flatten()
+            .min();
         let Some((reached, seq)) = self.reached else {
             return Ok(first);
         };
@@ -241,9 +267,9 @@ impl EvidenceCheck {
             }
         }
         let proven_from = anchor.map_or(u64::MAX, |mark| mark.first_seq);
-        if let Some(cut) = self.early_cut.filter(|cut| *cut < proven_from) {
-            first = Some(first.map_or(cut, |first| first.min(cut)));
-        }
+        let cut = self.early_cut.filter(|cut| *cut < proven_from);
+        let missing = self.early_missing.filter(|_| anchor.is_none());
+        first = [first, cut, missing].into_iter().flatten().min();
         Ok(first)
     }
 }

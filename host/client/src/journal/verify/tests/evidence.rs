@@ -86,6 +86,23 @@ impl EvidenceBoard {
             Some((of.seq, number, chain))
         });
         let (first, number, chain) = oldest.unwrap_or((self.seq, self.number, self.evidence));
+        let mark = umi_protocol::head::EvidenceMark {
+            first: number,
+            first_seq: first,
+            first_chain: chain.0,
+            next: self.number,
+            chain: self.evidence.0,
+        };
+        self.sign(first_seq, Some(mark), nonce);
+    }
+
+    /// Signs a head that says this of the evidence.
+    fn sign(
+        &mut self,
+        first_seq: u64,
+        evidence: Option<umi_protocol::head::EvidenceMark>,
+        nonce: Option<[u8; 32]>,
+    ) {
         let mut head = Head {
             seq: self.seq,
             t_us: 10 * self.seq,
@@ -98,13 +115,7 @@ impl EvidenceBoard {
             firmware: name("0.1.0"),
             nonce,
             signature: [[0; 32]; 2],
-            evidence: Some(umi_protocol::head::EvidenceMark {
-                first: number,
-                first_seq: first,
-                first_chain: chain.0,
-                next: self.number,
-                chain: self.evidence.0,
-            }),
+            evidence,
         };
         head.signature = self.key.sign(&head.signed());
         self.put(&Record::Head(head));
@@ -377,6 +388,88 @@ fn a_piece_that_later_heads_say_is_gone_is_not_vouched_for() {
         tried += 1;
     }
     assert!(tried > 100, "{tried}");
+}
+
+/// A head that says nothing of the evidence vouches for no gap of a board of which another head says that it keeps
+/// evidence apart, in the file or kept elsewhere: whoever takes verdicts out behind the last that does, or before the
+/// first, has no signed file. Without a gap it is as good as any, and boards that keep none apart sign over gaps.
+#[test]
+fn a_head_without_a_mark_vouches_for_no_gap() {
+    let mut random = Random(81);
+    let nonce = Some([9; 32]);
+    let (mut board, mut plain) = (
+        EvidenceBoard::new(board_key(1)),
+        EvidenceBoard::new(board_key(1)),
+    );
+    let key = Some(board.key.public());
+    let is_unsigned = |entries: &[Placed], nonce, after: Option<&Head>| {
+        let file = file_of(entries, nonce);
+        assert!(!verify(&file, None, after).unwrap().signed);
+        assert_eq!(verify(&file, key, after).unwrap_err().code, "head_missing");
+    };
+    board.noise(&mut random, 30);
+    board.head(0, None);
+    let marked = board.all.len();
+    board.noise(&mut random, 30);
+    let behind = board.all.len();
+    board.noise(&mut random, 5);
+    board.sign(behind as u64, None, nonce);
+    assert!(
+        verify(&file_of(&board.all, nonce), key, None)
+            .unwrap()
+            .signed
+    );
+    // Taken out behind the last head with a mark.
+    let (early, late) = (&board.all[..marked], &board.all[behind..]);
+    assert!(
+        board.all[marked..behind]
+            .iter()
+            .any(|of| of.piece.is_some())
+    );
+    is_unsigned(&[early, late].concat(), nonce, None);
+    // With that head taken out as well: who has kept it knows what the board keeps.
+    let first = &board.all[marked - 1];
+    let found = umi_core::journal::EntryIter::new(&first.raw, first.seq, first.before);
+    let Ok(Record::Head(kept)) = record(&{ found }.next().unwrap().unwrap()) else {
+        panic!("a head stands there")
+    };
+    let mut forged = file_of(late, nonce);
+    let start = FileHeader {
+        first_seq: kept.seq,
+        chain_before: Chain(kept.chain),
+        nonce,
+    };
+    let gap = Gap {
+        first: kept.seq,
+        next: late[0].seq,
+        chain_before: late[0].before,
+    };
+    let header = start.encode();
+    forged.splice(..header.len(), header.into_iter().chain(gap.encode()));
+    assert!(!verify(&forged, None, Some(&kept)).unwrap().signed);
+    let refused = verify(&forged, key, Some(&kept)).unwrap_err();
+    assert_eq!(refused.code, "head_missing");
+    // Taken out before the first head with a mark, where the file does not begin with the oldest piece.
+    let bare = board.all.len() - 1;
+    board.noise(&mut random, 30);
+    let behind = board.all.len();
+    board.noise(&mut random, 5);
+    board.head(behind as u64, nonce);
+    let whole = verify(&file_of(&board.all[bare..], nonce), key, None);
+    assert!(whole.unwrap().signed);
+    let (early, late) = (&board.all[bare..=bare], &board.all[behind..]);
+    is_unsigned(&[early, late].concat(), nonce, None);
+
+    // A board that keeps none apart.
+    plain.noise(&mut random, 30);
+    plain.sign(0, None, None);
+    let early = plain.all.clone();
+    plain.noise(&mut random, 30);
+    let behind = plain.all.len();
+    plain.noise(&mut random, 5);
+    plain.sign(behind as u64, None, nonce);
+    let file = file_of(&[&early[..], &plain.all[behind..]].concat(), nonce);
+    assert!(verify(&file, key, None).unwrap().signed);
 }
 
 impl EvidenceBoard {

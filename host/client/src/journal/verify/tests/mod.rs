@@ -179,6 +179,24 @@ fn written(key: &BoardKey, made: &[Made], nonce: Option<[u8; 32]>) -> Journal {
     written_from(17, key, made, nonce)
 }
 
+/// A file whose heads are another board's is known as that also where its signatures are wrong.
+#[test]
+fn the_key_of_a_broken_file_is_known() {
+    let (ours, other) = (board_key(1), board_key(2));
+    let journal = written(&ours, &entries(&mut Random(9), 60, 20), None);
+    let broken = forged(&journal, |made| {
+        made.remove(3);
+    });
+    for file in [&journal.file, &broken] {
+        assert_eq!(other_key(file, &ours.public()), None);
+        assert_eq!(other_key(file, &other.public()), Some(ours.public()));
+    }
+    assert_eq!(
+        verify(&broken, None, None).unwrap_err().code,
+        "head_signature"
+    );
+}
+
 /// The same, whose entries begin with this one.
 fn written_from(first_seq: u64, key: &BoardKey, made: &[Made], nonce: Option<[u8; 32]>) -> Journal {
     let header = FileHeader {

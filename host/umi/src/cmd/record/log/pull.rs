@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use umi_client::board::link::Client;
-use umi_client::journal::verify::VerifiedFile;
+use umi_client::journal::verify::{VerifiedFile, other_key, verify};
 use umi_client::journal::{self, Begun, PullRequest, PullStep, Unsigned, key_id};
 use umi_client::problem::Problem;
 use umi_core::journal::{FILE_HEADER_SIZE, decode_file};
@@ -125,7 +125,20 @@ impl Pull<'_> {
         let named = |path: &Path| {
             std::fs::rename(&part, path).map_err(|error| Failure::file("write", path, &error))
         };
-        let verified = match journal::verify::verify(&bytes, None, None) {
+        // Before anything is named: what is another board's takes no place.
+        if let Some(proven) = board.proven_board()
+            && let Some(key) = other_key(&bytes, proven)
+        {
+            return Err(Failure::refused(
+                "head_other_board",
+                format_args!(
+                    "the heads are signed by key {}, and the board has proven that it is {}",
+                    key_id(&key),
+                    key_id(proven)
+                ),
+            ));
+        }
+        let verified = match verify(&bytes, None, None) {
             // The board has not all that it has signed for: nobody will get more of it.
             Err(problem) if problem.code == "head_signature" => {
                 let kept = place_of_damaged(path);
@@ -138,18 +151,6 @@ impl Pull<'_> {
             }
             verified => verified?,
         };
-        if let (Some(proven), Some(key)) = (board.proven_board(), verified.key)
-            && *proven != key
-        {
-            return Err(Failure::refused(
-                "head_other_board",
-                format_args!(
-                    "the heads are signed by key {}, and the board has proven that it is {}",
-                    key_id(&key),
-                    key_id(proven)
-                ),
-            ));
-        }
         named(path)?;
         if pulled.unsigned == Some(Unsigned::Busy) {
             let text = "the board has not signed the end of the file: a clamping is under way, many ask it for heads, or it overwrites its entries faster than they can be read; pull it again later";
@@ -203,7 +204,7 @@ impl Pull<'_> {
         while let Some(Ok(_)) = entries.next() {}
         // Cut where its last entry ends, its heads are good ones, and the board's.
         let whole = bytes.get(..FILE_HEADER_SIZE + entries.offset());
-        let good = whole.and_then(|whole| journal::verify::verify(whole, None, None).ok());
+        let good = whole.and_then(|whole| verify(whole, None, None).ok());
         if !good.is_some_and(|good| good.key.is_none() || good.key == key) {
             return Ok(None);
         }
