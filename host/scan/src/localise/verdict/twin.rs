@@ -10,7 +10,7 @@ use crate::ScanError;
 use crate::localise::fit::Fit;
 use crate::localise::search::oriented::from_seed;
 use crate::localise::search::scene::Scene;
-use crate::localise::verdict::rivals::{is_within, off};
+use crate::localise::verdict::rivals::{explained, is_within, off};
 use crate::rigid::{Pose, Vec3};
 
 /// What lies nearer to the part than this, over its diagonal, is not searched again.
@@ -21,6 +21,10 @@ const LEFT: f64 = 0.25;
 const NOISIER: f64 = 2.0;
 /// The share of what lies on the other one that must be its own: not a table's, nor another part's.
 const OWN: f64 = 0.5;
+/// The same of three faces that meet in a corner: half of them may be a chuck's.
+const OWN_OF_A_CORNER: f64 = 0.75;
+/// A scan shows a body if it has this part of the points on it that the scan with most of them has.
+const SHOWS: usize = 4;
 /// Two bodies have no more of their surface than this within each other.
 const WITHIN: f64 = 0.03;
 
@@ -74,6 +78,7 @@ impl Judge<'_> {
                 && matches!(self.worth(&rest, other), Worth::Good)
                 && self.are_apart(&fit.motion, &other.motion, sigma)
                 && self.could_be(scene, other)
+                && self.moves_along(&fit.motion, &other.motion, sigma)
         });
         let Some(twin) = twin else {
             return Ok(());
@@ -89,12 +94,30 @@ impl Judge<'_> {
     /// Whether a place of the part that is not to be taken for it could be one: other things may hide it there. Three faces
     /// of any box that meet in a corner are like the part's.
     fn could_be(&self, scene: &Scene, fit: &Fit) -> bool {
-        let much = match self.holds_size(scene, fit) {
-            true => 2.0 * TOO_MUCH,
-            false => TOO_MUCH / 2.0,
+        let [own, much] = match self.holds_size(scene, fit) {
+            true => [OWN, 2.0 * TOO_MUCH],
+            false => [OWN_OF_A_CORNER, TOO_MUCH / 2.0],
         };
         let account = self.account(scene, fit, &[]).0;
-        account.own > OWN && account.unexplained() <= much
+        account.own > own && account.unexplained() <= much
+    }
+
+    /// Whether most of the scans that show the part show the second one there, too: what stands still while the machine moves
+    /// the part is not the part.
+    fn moves_along(&self, part: &Pose, second: &Pose, sigma: f64) -> bool {
+        let groups = self.task.groups;
+        let shows = |motion: &Pose| {
+            let (points, threads) = (self.task.points, self.task.threads);
+            let on = explained(self.part(), points, motion, sigma, threads);
+            let mut counts = vec![0_usize; groups.all.len().max(1)];
+            for i in (0..points.len()).filter(|i| on[*i]) {
+                counts[groups.of(i)] += 1;
+            }
+            let most = counts.iter().copied().max().unwrap_or(0);
+            let shows = counts.iter().filter(|count| SHOWS * **count > most);
+            shows.count()
+        };
+        2 * shows(second) > shows(part)
     }
 
     /// Whether the part can be at both places at once.
