@@ -168,7 +168,10 @@ fn forged_journals_are_refused() {
         std::thread::sleep(Duration::from_millis(500));
         drop(board);
         std::thread::sleep(Duration::from_millis(50));
-        copied(&config.journal)
+        (
+            copied(&config.journal),
+            config.evidence.as_ref().map(copied),
+        )
     };
     let (board, port) = start(&config);
     talk(&board, 20);
@@ -247,15 +250,40 @@ fn forged_journals_are_refused() {
     umi(&["log", "pull", &other, "--port", &other_port]).exits(0);
     let told = error(umi(&["log", "verify", &other, "--key", &key, "--json"]));
     assert_eq!(told["code"], "head_other_board");
-    // The journal of last week in the board: it signs what it has, and the kept head tells.
+    // The journal of last week in the board, and the evidence of today: what is missing between them ends the pull.
     drop(board);
     std::thread::sleep(Duration::from_millis(50));
+    let back = folder.path("back.umij");
+    if config.evidence.is_some() {
+        let half = Config {
+            journal: copied(&older.0),
+            evidence: config.evidence.as_ref().map(copied),
+            ..config.clone()
+        };
+        let (half, port) = start(&half);
+        let told = error(umi(&["log", "pull", &back, "--json", "--port", &port]));
+        let codes = ["entry_damaged", "entries_missing"].map(Value::from);
+        assert!(codes.contains(&told["code"]), "{told}");
+        let from = told["readable_from"].as_u64().unwrap().to_string();
+        umi(&[
+            "log", "pull", &back, "--from", &from, "--force", "--port", &port,
+        ])
+        .exits(0);
+        let args = [
+            "log", "verify", &back, "--key", &key, "--after", &head, "--json",
+        ];
+        assert_eq!(error(umi(&args))["code"], "head_not_shown");
+        drop(half);
+        std::thread::sleep(Duration::from_millis(50));
+        std::fs::remove_file(&back).unwrap();
+    }
+    // Both of last week: the board signs what it has, and the kept head tells.
     let rolled = Config {
-        journal: older,
+        journal: older.0,
+        evidence: older.1,
         ..config
     };
     let (again, port) = start(&rolled);
-    let back = folder.path("back.umij");
     umi(&["log", "pull", &back, "--port", &port]).exits(0);
     umi(&["log", "verify", &back, "--key", &key]).exits(0);
     let args = [
