@@ -59,6 +59,14 @@ fn setting(two_sigma_mm: f64, misaligned_rad: f64, seed: u64) -> LocaliseSetting
     }
 }
 
+/// The same by two thin scans, with so much between neighbouring points.
+fn thin(two_sigma_mm: f64, spacing_mm: f64, seed: u64) -> LocaliseSetting {
+    let mut thin = setting(two_sigma_mm, 0.0, seed);
+    thin.scanner.spacing_mm = spacing_mm;
+    thin.turned_deg = &[0.0, 90.0];
+    thin
+}
+
 /// All of these clampings; a refusal fails.
 fn all_found(setting: &LocaliseSetting, clampings: &[PrintedClamping]) -> Vec<ClampingFound> {
     let tried = run(setting, clampings, |_| {}).unwrap();
@@ -68,15 +76,7 @@ fn all_found(setting: &LocaliseSetting, clampings: &[PrintedClamping]) -> Vec<Cl
 /// Two scans, a sixth as dense: what six of the paper's density do is seen by [`ten_seeds_meet_the_goals`].
 #[test]
 fn a_clamping_is_found_by_two_thin_scans() {
-    let setting = LocaliseSetting {
-        scanner: ScannerKind {
-            noise_mm: INDUSTRIAL_MM / 2.0,
-            spacing_mm: 0.9,
-        },
-        turned_deg: &[0.0, 90.0],
-        ..setting(INDUSTRIAL_MM, 0.0, 3)
-    };
-    let found = all_found(&setting, &TABLE_4[1..2]);
+    let found = all_found(&thin(INDUSTRIAL_MM, 0.9, 3), &TABLE_4[1..2]);
     let figures = figures(&found);
     assert!((1e-6..0.02).contains(&figures.length_mm), "{figures:?}");
     assert!(found[0].error_deg().norm() < 0.02, "{found:?}");
@@ -88,15 +88,7 @@ fn a_clamping_is_found_by_two_thin_scans() {
 /// The face of the chuck behind the bar is none of the bar's: it goes on beyond it. The first clamping by two thin scans.
 #[test]
 fn a_chuck_behind_the_bar_is_no_face_of_it() {
-    let setting = LocaliseSetting {
-        scanner: ScannerKind {
-            noise_mm: SCANNER_2_SIGMA_MM / 2.0,
-            spacing_mm: 1.1,
-        },
-        turned_deg: &[0.0, 90.0],
-        ..setting(SCANNER_2_SIGMA_MM, 0.0, 100)
-    };
-    let found = all_found(&setting, &TABLE_4[..1]);
+    let found = all_found(&thin(SCANNER_2_SIGMA_MM, 1.1, 100), &TABLE_4[..1]);
     assert!(found[0].inside, "{found:?}");
 }
 

@@ -269,14 +269,25 @@ fn a_countersink_that_no_point_shows_is_told() {
     let random = &mut Random(8);
     let on_cone = |p: &Vec3| p.z > 10.02 && p.z < 14.98 && p.xy().norm() < 8.1;
     let cone = (5.0_f64.powi(2) * 2.0).sqrt() * std::f64::consts::PI * 11.0 / mesh.area_mm2();
-    let all = places(&mesh, 20_000, &Density::Even, random);
-    for (keep, expected) in [(0.0, cone), (0.3, 0.0), (1.0, 0.0)] {
+    is_told_where_none_shows_it(&mesh, 20_000, on_cone, cone, random);
+}
+
+/// That a round, this share of the part, is told by so many points where none of them lies on it, and not where some do.
+fn is_told_where_none_shows_it(
+    mesh: &Mesh,
+    points: usize,
+    is_on: impl Fn(&Vec3) -> bool,
+    round: f64,
+    random: &mut Random,
+) {
+    let all = places(mesh, points, &Density::Even, random);
+    for (keep, expected) in [(0.0, round), (0.3, 0.0), (1.0, 0.0)] {
         let mut scanned = all.clone();
-        scanned.retain(|(p, _)| !on_cone(p) || random.next() < keep);
-        let share = told(&mesh, &scanned, random);
+        scanned.retain(|(p, _)| !is_on(p) || random.next() < keep);
+        let share = told(mesh, &scanned, random);
         assert!(
             (share - expected).abs() < 0.012,
-            "{keep}: {share}, {expected}"
+            "{round}, {keep}: {share}, {expected}"
         );
     }
 }
@@ -292,16 +303,7 @@ fn a_bore_that_no_point_shows_is_told_and_one_that_few_show_is_not() {
             .iter()
             .filter(|t| t.corners.iter().all(in_bore));
         let bore = bore.map(|t| t.area_mm2).sum::<f64>() / mesh.area_mm2();
-        let all = places(&mesh, 6000, &Density::Even, random);
-        for (keep, expected) in [(0.0, bore), (0.3, 0.0), (1.0, 0.0)] {
-            let mut scanned = all.clone();
-            scanned.retain(|(p, _)| !in_bore(p) || random.next() < keep);
-            let share = told(&mesh, &scanned, random);
-            assert!(
-                (share - expected).abs() < 0.012,
-                "{sides}, {keep}: {share}, {expected}"
-            );
-        }
+        is_told_where_none_shows_it(&mesh, 6000, in_bore, bore, random);
     }
 }
 

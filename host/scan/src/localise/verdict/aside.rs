@@ -185,7 +185,8 @@ impl Judge<'_> {
             if side.off_mm < 0.0 && with > on_it.max(1) {
                 return Some((shift, moved));
             }
-            // As many sides as lie on it say as much as these, however many points each has: what is left then must lie on it.
+            // As many sides as lie on it say as much as these, however many points each has: what else was scanned must lie on
+            // it there, too.
             let is_as_many = on_it > 0 && with >= on_it;
             let share = if is_as_many { FEW } else { SHARE };
             if (points as f64) < share * all {
